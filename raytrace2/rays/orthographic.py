@@ -1,0 +1,43 @@
+"""The orthographic camera: parallel rays."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from ..scene.description import OrthographicCamera
+from ..types import Types
+from .film_plane import checked_to_world, film_axes, opaque_vectors
+from .ray import Ray
+
+
+class Orthographic:
+    """Rays along local z from the near plane, over [-1, 1] in local x; ``to_world`` may scale."""
+
+    needs_aperture_sample = False
+
+    def __init__(self, desc: OrthographicCamera, types: Types) -> None:
+        to_world = checked_to_world(desc, rigid=False)
+        linear = to_world[:3, :3]
+        axes = np.column_stack([film_axes(desc.film), [desc.near_clip, 0.0, 0.0]]) @ linear.T
+        axes[0] += to_world[:3, 3]
+        direction = linear[:, 2] / np.linalg.norm(linear[:, 2])
+        self._corner, self._du, self._dv, self._direction = opaque_vectors([*axes, direction], types.Array3f)
+        self._range = dr.opaque(types.Float, desc.far_clip - desc.near_clip)
+
+    def sample_ray(self, film_position: Any, aperture_sample: Any = None) -> Ray:
+        """Rays of unit direction through ``film_position``: Array2f in [0, 1]^2 of the crop window, from the top left.
+
+        They end ``far_clip - near_clip`` world units on. Differentiable in ``film_position``; ``aperture_sample`` is
+        not used.
+        """
+        origin = dr.fma(self._du, film_position.x, dr.fma(self._dv, film_position.y, self._corner))
+        # One direction for all rays, at the full width that symbolic loops want of their state.
+        first = dr.zeros(dr.uint32_array_t(type(self._range)), dr.width(film_position))
+        return Ray(
+            origin,
+            dr.gather(type(origin), self._direction, first),
+            tmax=dr.gather(type(self._range), self._range, first),
+        )

@@ -1,0 +1,37 @@
+"""The pinhole camera."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+
+from ..scene.description import PerspectiveCamera
+from ..types import Types
+from .film_plane import checked_to_world, opaque_vectors, perspective_axes
+from .ray import Ray
+
+
+class Perspective:
+    """Rays from one point through the film; their origins lie on the near plane, as in Mitsuba."""
+
+    needs_aperture_sample = False
+
+    def __init__(self, desc: PerspectiveCamera, types: Types) -> None:
+        to_world = checked_to_world(desc, rigid=True)
+        axes = perspective_axes(desc) @ to_world[:3, :3].T
+        self._corner, self._du, self._dv, self._origin = opaque_vectors([*axes, to_world[:3, 3]], types.Array3f)
+        self._near, self._range = (
+            dr.opaque(types.Float, desc.near_clip),
+            dr.opaque(types.Float, desc.far_clip - desc.near_clip),
+        )
+
+    def sample_ray(self, film_position: Any, aperture_sample: Any = None) -> Ray:
+        """Rays of unit direction through ``film_position``: Array2f in [0, 1]^2 of the crop window, from the top left.
+
+        They run from the near to the far plane. Differentiable in ``film_position``; ``aperture_sample`` is not used.
+        """
+        through = dr.fma(self._du, film_position.x, dr.fma(self._dv, film_position.y, self._corner))
+        # `through` has depth 1 along the optical axis, so its length turns depths into distances along the ray.
+        length = dr.norm(through)
+        return Ray(dr.fma(through, self._near, self._origin), through / length, tmax=self._range * length)
