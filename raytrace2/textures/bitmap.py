@@ -1,0 +1,120 @@
+"""Bitmap textures: where a texel of one of many images lies, and what it holds. Filters build on this."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from ..scene.description import BitmapTexture
+from ..types import Types
+from . import lookup
+from .texels import Texels
+from .uv_transform import UvTransforms
+from .wrap import MODES, wrap
+
+_FILTERS = {"nearest": 0, "bilinear": 1}
+
+
+@dataclass
+class Image:
+    """One image a lane: ``offset`` UInt (texels before it), ``width`` and ``height`` Float, ``mode``, ``filter`` UInt, ``srgb`` Bool.
+
+    The last three are None where all images agree.
+    """
+
+    offset: Any
+    width: Any
+    height: Any
+    mode: Any
+    filter: Any
+    srgb: Any
+
+
+class Bitmaps:
+    """Images of one storage format (see :class:`~raytrace2.textures.texels.Texels`), by place.
+
+    Texel (column i, row j) covers u in [i, i + 1] / width and v in [j, j + 1] / height, as in Mitsuba: row 0 lies at v = 0.
+    Wrap modes, filters and sRGB decoding are part of the kernel only where they differ between images.
+    """
+
+    def __init__(self, bitmaps: Sequence[BitmapTexture], types: Types) -> None:
+        images = [b.pixels for b in bitmaps]
+        srgb = [image.dtype == np.uint8 and not b.raw for b, image in zip(bitmaps, images, strict=True)]
+        modes = [MODES[b.wrap_mode] for b in bitmaps]
+        filters = [_FILTERS[b.filter_type] for b in bitmaps]
+        self.texels = Texels(images, srgb, types)
+        self.channels = self.texels.channels
+        self._to_uv = UvTransforms([b.to_uv for b in bitmaps], types)
+        self._types = types
+        self._modes = frozenset(modes)
+        self._filters = frozenset(filters)
+        self._mixed_srgb = len(set(srgb)) > 1
+        self._count = len(images)
+        sizes = np.array([image.shape[1::-1] for image in images], dtype=np.uint32)
+        flags = np.array(modes) | np.array(filters) << 2 | np.array(srgb, dtype=np.int64) << 3
+        records = np.column_stack([self.texels.offsets, sizes, flags]).astype(np.uint32)
+        if self._count == 1:
+            self._record: Any = [types.UInt(records[0, i : i + 1]) for i in range(4)]
+        else:
+            self._record = types.UInt(records.ravel())
+
+    def eval(self, place: Any, uv: Any, active: Any) -> Any:
+        """The filtered texture at ``uv`` of the surface: Array3f, or Float where there is one channel."""
+        image = self.image(place, active)
+        uv = self._to_uv.apply(place, uv, active)
+        if len(self._filters) == 1:
+            return self._filtered(next(iter(self._filters)), image, uv, active)
+        smooth = self._filtered(_FILTERS["bilinear"], image, uv, active)
+        return dr.select(
+            image.filter == _FILTERS["bilinear"], smooth, self._filtered(_FILTERS["nearest"], image, uv, active)
+        )
+
+    def image(self, place: Any, active: Any) -> Image:
+        """The image at ``place``."""
+        t = self._types
+        if self._count == 1:
+            offset, width, height, flags = self._record
+        else:
+            offset, width, height, flags = dr.gather(dr.uint32_array_t(t.Array4f), self._record, place, active)
+        return Image(
+            offset,
+            t.Float(width),
+            t.Float(height),
+            flags & 3 if len(self._modes) > 1 else None,
+            flags >> 2 & 1 if len(self._filters) > 1 else None,
+            flags & 8 != 0 if self._mixed_srgb else None,
+        )
+
+    def columns(self, image: Image, x: Any) -> tuple[Any, Any]:
+        """Columns (Float, in range) of the texels ``x`` and ``x + 1``, after wrapping."""
+        return wrap(x, image.width, image.mode, self._modes)
+
+    def rows(self, image: Image, y: Any) -> tuple[Any, Any]:
+        """Rows (Float, in range) of the texels ``y`` and ``y + 1``, after wrapping."""
+        return wrap(y, image.height, image.mode, self._modes)
+
+    def texel(self, image: Image, column: Any, row: Any, active: Any) -> Any:
+        """The linear value at a column and row that are in range: Array3f, or Float where there is one channel."""
+        u = self._types.UInt
+        index = dr.fma(u(row), u(image.width), u(column)) + image.offset
+        return self.texels.fetch(index, image.srgb, active)
+
+    def _filtered(self, kind: int, image: Image, uv: Any, active: Any) -> Any:
+        function = lookup.bilinear if kind == _FILTERS["bilinear"] else lookup.nearest
+        return function(self, image, uv, active)
+
+
+def check_bitmap(bitmap: BitmapTexture) -> None:
+    """``ValueError`` unless a table can hold the pixels: (height, width, 1 or 3) of a known type, at most 2^24 a side."""
+    pixels = bitmap.pixels
+    name = bitmap.filename or "a bitmap"
+    if pixels.ndim != 3 or pixels.shape[2] not in (1, 3) or 0 in pixels.shape:
+        raise ValueError(f"{name} must have the shape (height, width, 1 or 3), not {pixels.shape}")
+    if max(pixels.shape) > 2**24:
+        raise ValueError(f"{name} is {pixels.shape[1]} x {pixels.shape[0]}, beyond 2^24 texels a side; scale it down")
+    if pixels.dtype not in (np.uint8, np.float16, np.float32, np.float64):
+        raise ValueError(f"{name} has pixels of type {pixels.dtype}; uint8, float16, float32 and float64 are held")

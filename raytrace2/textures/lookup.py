@@ -1,0 +1,35 @@
+"""Texture look-ups that pay no heed to a pixel's footprint: the nearest texel, and bilinear interpolation.
+
+``bitmaps`` is a :class:`~raytrace2.textures.bitmap.Bitmaps`, ``uv`` (Array2f) is in the texture's own coordinates. Not a
+number comes out where a coordinate is infinite or NaN (bilinear) or any one texel (nearest).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+
+
+def nearest(bitmaps: Any, image: Any, uv: Any, active: Any) -> Any:
+    """The texel that ``uv`` lies in."""
+    column, _ = bitmaps.columns(image, dr.floor(uv.x * image.width))
+    row, _ = bitmaps.rows(image, dr.floor(uv.y * image.height))
+    return bitmaps.texel(image, column, row, active)
+
+
+def bilinear(bitmaps: Any, image: Any, uv: Any, active: Any) -> Any:
+    """The four texels whose centres surround ``uv``, interpolated."""
+    x = dr.fma(uv.x, image.width, -0.5)
+    y = dr.fma(uv.y, image.height, -0.5)
+    left, top = dr.floor(x), dr.floor(y)
+    wx, wy = x - left, y - top
+    column0, column1 = bitmaps.columns(image, left)
+    row0, row1 = bitmaps.rows(image, top)
+    v00 = bitmaps.texel(image, column0, row0, active)
+    v10 = bitmaps.texel(image, column1, row0, active)
+    v01 = bitmaps.texel(image, column0, row1, active)
+    v11 = bitmaps.texel(image, column1, row1, active)
+    v0 = dr.fma(1 - wx, v00, wx * v10)
+    v1 = dr.fma(1 - wx, v01, wx * v11)
+    return dr.fma(1 - wy, v0, wy * v1)

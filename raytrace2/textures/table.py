@@ -1,0 +1,176 @@
+"""All textures of a scene, met by index inside kernels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, TypeAlias
+
+import drjit as dr
+import numpy as np
+
+from ..scene.description import (
+    BitmapTexture,
+    CheckerboardTexture,
+    ConstantTexture,
+    MeshAttributeTexture,
+    MeshShape,
+    Texture,
+)
+from ..types import Types
+from . import handle as handles
+from .bitmap import Bitmaps, check_bitmap
+from .checkerboard import Checkerboards
+from .color import luminance
+from .constant import Constants
+from .mesh_attribute import MeshAttributes
+
+_CONSTANT, _CHECKERBOARD, _VERTEX_ATTRIBUTE, _FACE_ATTRIBUTE, _FIRST_BITMAP = range(5)
+_FORMATS = [(dtype, channels) for dtype in ("uint8", "float16", "float") for channels in (3, 1)]
+
+Reach: TypeAlias = tuple[frozenset[int], ...]
+"""Kinds of texture that a look-up can meet, one set a level of checkerboards; the last holds no checkerboard."""
+
+
+class TextureTable:
+    """Textures by index (:meth:`add` gives it; it is a handle, not a position), in one table a kind.
+
+    Kernels hold the kinds that occur and nothing of the rest, and fewer still where a look-up says what it can meet
+    (``reach``). ``attributes`` maps surface indices to the meshes whose attributes textures read.
+    """
+
+    def __init__(self, types: Types, attributes: Mapping[int, MeshShape] | None = None) -> None:
+        self.types = types
+        self._meshes = dict(attributes or {})
+        self._members: dict[int, list[Any]] = {}
+        self._children: list[tuple[int, int]] = []
+        self._known: dict[Any, int] = {}
+        self._keep: list[Texture] = []
+        self._tables: dict[int, Any] = {}
+        self._all: Reach = (frozenset(),)
+        self._stale = False
+
+    @staticmethod
+    def build(
+        textures: Sequence[Texture], types: Types, *, attributes: Mapping[int, MeshShape] | None = None
+    ) -> TextureTable:
+        """A table of ``textures``; ``add(texture)`` tells the index of each."""
+        table = TextureTable(types, attributes)
+        for texture in textures:
+            table.add(texture)
+        table.finish()
+        return table
+
+    def add(self, texture: Texture) -> int:
+        """The index of ``texture``, which joins the table unless it (or a constant equal to it) is there."""
+        key = texture.value if isinstance(texture, ConstantTexture) else id(texture)
+        if key not in self._known:
+            kind = _kind(texture)
+            if isinstance(texture, CheckerboardTexture):
+                children = self.add(texture.color0), self.add(texture.color1)
+                self._children.append(children)
+            members = self._members.setdefault(kind, [])
+            self._known[key] = handles.make(kind, len(members))
+            members.append(texture)
+            self._keep.append(texture)
+            self._tables.pop(kind, None)
+            self._stale = True
+        return self._known[key]
+
+    def finish(self) -> None:
+        """Makes the buffers of what was added since the last time; look-ups do it too, but had better not in a loop."""
+        for kind, members in self._members.items():
+            if kind not in self._tables:
+                self._tables[kind] = self._make(kind, members)
+        self._all = self.reach(self._known.values())
+        self._stale = False
+
+    def reach(self, indices: Iterable[int]) -> Reach:
+        """What look-ups of ``indices`` can meet; with it a kernel leaves out the other kinds."""
+        level = set(indices)
+        levels = [frozenset(handles.kind_of(h) for h in level)]
+        while _CHECKERBOARD in levels[-1]:
+            boards = {h for h in level if handles.kind_of(h) == _CHECKERBOARD}
+            level = (level - boards) | {c for h in boards for c in self._children[handles.place_of(h)]}
+            levels.append(frozenset(handles.kind_of(h) for h in level))
+        return tuple(levels)
+
+    def eval(self, index: Any, si: Any, active: Any = True, *, reach: Reach | None = None) -> Any:
+        """The colour (Array3f) of texture ``index`` (UInt, or one Python int) at ``si``; inactive lanes: anything finite."""
+        return self._eval(index, si.uv, si, active, reach, single=False)
+
+    def eval_1(self, index: Any, si: Any, active: Any = True, *, reach: Reach | None = None) -> Any:
+        """The one channel, or the luminance, of texture ``index`` at ``si`` (Float)."""
+        return self._eval(index, si.uv, si, active, reach, single=True)
+
+    def eval_uv(self, index: Any, uv: Any, active: Any = True, *, reach: Reach | None = None) -> Any:
+        """As :meth:`eval` where there is a ``uv`` (Array2f) but no surface: mesh attributes are black there."""
+        return self._eval(index, uv, None, active, reach, single=False)
+
+    def _eval(self, index: Any, uv: Any, si: Any, active: Any, reach: Reach | None, *, single: bool) -> Any:
+        if self._stale:
+            self.finish()
+        active = self.types.Bool(active)
+        if isinstance(index, int):
+            reach = self.reach((index,))
+            index = self.types.UInt(index)
+        levels = self._all if reach is None else reach
+        for kinds in levels[:-1]:
+            index = self._through_boards(index, uv, kinds, active, swapped=single)
+        result = None
+        for kind in sorted(levels[-1]):
+            here = None if len(levels[-1]) == 1 else handles.kind_of(index) == kind
+            place = handles.place_of(index)
+            value = self._value(kind, place, uv, si, active if here is None else active & here, single)
+            result = value if result is None else dr.select(here, value, result)
+        return dr.zeros(self.types.Float if single else self.types.Array3f) if result is None else result
+
+    def _through_boards(self, index: Any, uv: Any, kinds: frozenset[int], active: Any, *, swapped: bool) -> Any:
+        # Mitsuba's checkerboard exchanges its colours when it is asked for one channel: so masks come out as there.
+        boards, place = self._tables[_CHECKERBOARD], handles.place_of(index)
+        if len(kinds) == 1:
+            return boards.choose(place, uv, swapped, active)
+        here = handles.kind_of(index) == _CHECKERBOARD
+        return dr.select(here, boards.choose(place, uv, swapped, active & here), index)
+
+    def _value(self, kind: int, place: Any, uv: Any, si: Any, active: Any, single: bool) -> Any:
+        table = self._tables[kind]
+        if kind == _CONSTANT:
+            value = table.eval(place, active)
+        elif kind >= _FIRST_BITMAP:
+            value = table.eval(place, uv, active)
+            if table.channels == 1:
+                return value if single else self.types.Array3f(value)
+        elif si is None:
+            value = dr.zeros(self.types.Array3f)
+        else:
+            value = table.eval(place, si, active)
+        return luminance(value) if single else value
+
+    def _make(self, kind: int, members: list[Any]) -> Any:
+        if kind == _CONSTANT:
+            return Constants([m.value for m in members], self.types)
+        if kind == _CHECKERBOARD:
+            return Checkerboards(np.array(self._children), [m.to_uv for m in members], self.types)
+        if kind in (_VERTEX_ATTRIBUTE, _FACE_ATTRIBUTE):
+            return MeshAttributes(members, 3 if kind == _VERTEX_ATTRIBUTE else 1, self._meshes, self.types)
+        return Bitmaps(members, self.types)
+
+
+def _kind(texture: Texture) -> int:
+    if isinstance(texture, ConstantTexture):
+        return _CONSTANT
+    if isinstance(texture, CheckerboardTexture):
+        return _CHECKERBOARD
+    if isinstance(texture, MeshAttributeTexture):
+        if texture.name.startswith("vertex_"):
+            return _VERTEX_ATTRIBUTE
+        if texture.name.startswith("face_"):
+            return _FACE_ATTRIBUTE
+        raise ValueError(f"mesh attribute {texture.name!r} must begin with 'vertex_' or 'face_'")
+    if isinstance(texture, BitmapTexture):
+        check_bitmap(texture)
+        name = texture.pixels.dtype.name
+        return _FIRST_BITMAP + _FORMATS.index(
+            (name if name in ("uint8", "float16") else "float", texture.pixels.shape[2])
+        )
+    raise TypeError(f"{type(texture).__name__} is no texture")

@@ -1,0 +1,71 @@
+"""Texels of many images of one storage format in one buffer, and how one of them is fetched and decoded."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from ..types import Types
+from .color import srgb_byte_to_linear
+
+# Packets of four address up to 2^32 scalars.
+_MOST_TEXELS = 2**30
+
+
+class Texels:
+    """Images of one format (dtype and 1 or 3 channels) end to end, row by row; ``offsets[i]`` is where image ``i`` starts.
+
+    uint8 stays 8 bits a channel (colours as one 32-bit word, which takes one gather), float16 stays half, anything else
+    has the table's precision. ``srgb[i]`` tells that image ``i`` is decoded from sRGB; only uint8 can be. ``ValueError``
+    when there are more than 2^30 texels.
+    """
+
+    def __init__(self, images: Sequence[np.ndarray], srgb: Sequence[bool], types: Types) -> None:
+        sizes = [image.shape[0] * image.shape[1] for image in images]
+        self.offsets = np.concatenate(([0], np.cumsum(sizes)))[:-1]
+        self.channels = images[0].shape[2]
+        if sum(sizes) > _MOST_TEXELS:
+            raise ValueError(f"{sum(sizes)} texels of one format are more than the {_MOST_TEXELS} that a table holds")
+        self._types = types
+        self._bytes = images[0].dtype == np.uint8
+        self._srgb: bool | None = srgb[0] if len(set(srgb)) == 1 else None
+        flat = np.concatenate([image.reshape(-1, self.channels) for image in images])
+        padded = np.pad(flat, ((0, 0), (0, 1))) if self.channels == 3 else flat
+        if self._bytes and self.channels == 3:
+            self._buffer = types.UInt(padded.view("<u4").ravel().astype(np.uint32))
+        elif self._bytes:
+            self._buffer = dr.uint8_array_t(types.Float)(padded.ravel())
+        elif images[0].dtype == np.float16:
+            self._buffer = dr.float16_array_t(types.Float)(padded.ravel())
+        else:
+            self._buffer = types.Float(padded.ravel().astype(types.numpy))
+
+    def fetch(self, index: Any, srgb: Any, active: Any) -> Any:
+        """The texel ``index`` (counted over all images), linear: Array3f, or Float where there is one channel.
+
+        ``srgb`` (Bool) tells how to decode it where images differ in that. Inactive lanes give zero.
+        """
+        t = self._types
+        if not self._bytes:
+            if self.channels == 1:
+                return t.Float(dr.gather(type(self._buffer), self._buffer, index, active))
+            packet = dr.gather(_packet_of(t.Array4f, self._buffer), self._buffer, index, active)
+            return t.Array3f(t.Float(packet.x), t.Float(packet.y), t.Float(packet.z))
+        stored = dr.gather(type(self._buffer), self._buffer, index, active)
+        if self.channels == 1:
+            return self._decode(t.UInt(stored), srgb)
+        return t.Array3f(*(self._decode((stored >> shift) & 0xFF, srgb) for shift in (0, 8, 16)))
+
+    def _decode(self, byte: Any, srgb: Any) -> Any:
+        linear = self._types.Float(byte) * (1.0 / 255.0)
+        if self._srgb is False:
+            return linear
+        decoded = srgb_byte_to_linear(byte, self._types.Float)
+        return decoded if self._srgb else dr.select(srgb, decoded, linear)
+
+
+def _packet_of(array4: Any, buffer: Any) -> Any:
+    return dr.float16_array_t(array4) if dr.type_v(buffer) == dr.VarType.Float16 else array4

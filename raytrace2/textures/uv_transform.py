@@ -1,0 +1,54 @@
+"""Affine maps from a surface's uv to a texture's, one for each texture of a kind."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from ..types import Types
+
+
+class UvTransforms:
+    """``to_uv`` matrices (3x3, or 4x4 as Mitsuba takes them; the upper 2x2 and the last column count), by place.
+
+    Identities cost nothing, equal maps are kept once and cost no gather. ``ValueError`` for other shapes and for
+    entries that are not finite.
+    """
+
+    def __init__(self, matrices: Sequence[np.ndarray], types: Types) -> None:
+        rows = np.array([_affine(m) for m in matrices], dtype=types.numpy)
+        self._types = types
+        self.identity = bool((rows == np.eye(2, 3)).all())
+        self.uniform = bool((rows == rows[:1]).all())
+        self._rows: Any = None
+        if self.identity:
+            return
+        if self.uniform:
+            self._rows = [types.Float(rows[0].ravel()[i : i + 1]) for i in range(6)]
+        else:
+            self._rows = types.Float(np.pad(rows, ((0, 0), (0, 0), (0, 1))).ravel())
+
+    def apply(self, place: Any, uv: Any, active: Any) -> Any:
+        """The texture's coordinates (Array2f) of ``uv`` for the texture at ``place``."""
+        if self.identity:
+            return uv
+        if self.uniform:
+            a, b, c, d, e, f = self._rows
+        else:
+            array4 = self._types.Array4f
+            a, b, c, _ = dr.gather(array4, self._rows, 2 * place, active)
+            d, e, f, _ = dr.gather(array4, self._rows, 2 * place + 1, active)
+        return type(uv)(dr.fma(a, uv.x, dr.fma(b, uv.y, c)), dr.fma(d, uv.x, dr.fma(e, uv.y, f)))
+
+
+def _affine(matrix: np.ndarray) -> np.ndarray:
+    matrix = np.asarray(matrix, dtype=np.float64)
+    if matrix.shape not in ((3, 3), (4, 4)):
+        raise ValueError(f"to_uv must be a 3x3 or 4x4 matrix, not {matrix.shape}")
+    rows = matrix[:2][:, [0, 1, -1]]
+    if not np.isfinite(rows).all():
+        raise ValueError("to_uv has entries that are not finite numbers")
+    return rows
