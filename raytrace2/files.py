@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
+import secrets
 import stat
-import tempfile
 from pathlib import Path
 
 from .errors import FileError
@@ -37,15 +37,12 @@ def write_atomically(path: str | os.PathLike[str], data: bytes) -> None:
     folder = os.path.dirname(os.path.abspath(name))
     temporary: str | None = None
     try:
-        handle, temporary = tempfile.mkstemp(prefix=f".{os.path.basename(name)[:80]}.", suffix=".part", dir=folder)
-        with os.fdopen(handle, "wb") as stream:
+        unfinished = os.path.join(folder, f".{os.path.basename(name)[:80]}.{secrets.token_hex(8)}.part")
+        with open(unfinished, "xb") as stream:
+            temporary = unfinished
             stream.write(data)
             stream.flush()
             os.fsync(stream.fileno())
-        # mkstemp makes files that only their owner may read; an image is a file like any other.
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(temporary, 0o666 & ~mask)
         os.replace(temporary, name)
         temporary = None
     except (OSError, ValueError) as error:

@@ -48,7 +48,7 @@ def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def _unit(v: np.ndarray) -> np.ndarray:
-    """``v`` (..., 3) over its length, zero where it is zero; scaled exactly first, so that no square over- or underflows."""
+    """``v`` (..., 3) over its length, zero where it is zero; scaled exactly first, so that squares stay in range."""
     largest = np.abs(v).max(axis=-1, keepdims=True)
     _, exponent = np.frexp(largest)
     scaled = np.ldexp(v, -exponent)
