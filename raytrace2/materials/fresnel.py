@@ -1,0 +1,65 @@
+"""Fresnel's equations for unpolarised light at a smooth interface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+
+
+@dataclass
+class Interface:
+    """What :func:`fresnel_dielectric` finds (Floats).
+
+    ``reflectance``; ``cos_theta_t``, the cosine between the normal and the refracted ray, on the side that ``wi`` is not
+    (0 under total reflection); ``eta``, the index of refraction beyond the interface over that on the side of ``wi``;
+    ``inverse_eta``.
+    """
+
+    reflectance: Any
+    cos_theta_t: Any
+    eta: Any
+    inverse_eta: Any
+
+
+def fresnel_dielectric(cos_theta_i: Any, eta: Any) -> Interface:
+    """Reflection between dielectrics; ``eta`` > 0 is the index on the side away from the normal over that on the normal's.
+
+    Rays may come from either side (sign of ``cos_theta_i``). Grazing rays and rays beyond the critical angle are wholly
+    reflected, and nothing is reflected where ``eta`` is 1. (Born and Wolf, Principles of Optics, section 1.5.)
+    """
+    outside = cos_theta_i >= 0
+    inverse = 1 / eta
+    ahead = dr.select(outside, eta, inverse)
+    behind = dr.select(outside, inverse, eta)
+    cos_i = dr.abs(cos_theta_i)
+    sin2_i = dr.fma(-cos_i, cos_i, 1)
+    cos_t = dr.safe_sqrt(dr.fma(-sin2_i, behind * behind, 1))
+    s = _quotient(dr.fma(-ahead, cos_t, cos_i), dr.fma(ahead, cos_t, cos_i))
+    p = _quotient(dr.fma(-ahead, cos_i, cos_t), dr.fma(ahead, cos_i, cos_t))
+    reflectance = 0.5 * (s * s + p * p)
+    # Grazing and index-matched at once is 0 / 0: the interface is not there, so matching wins.
+    reflectance = dr.select(eta == 1, 0, dr.select(cos_i == 0, 1, reflectance))
+    return Interface(reflectance, dr.select(outside, -cos_t, cos_t), ahead, behind)
+
+
+def fresnel_conductor(cos_theta_i: Any, eta: Any, k: Any) -> Any:
+    """Reflectance of a conductor whose relative complex index of refraction is ``eta + i k``, for ``cos_theta_i`` > 0.
+
+    ``eta`` and ``k`` are Array3f (or Float), and so is the result. (Born and Wolf, section 14.2; K. D. Moeller, Optics, 1988.)
+    """
+    cos2 = cos_theta_i * cos_theta_i
+    sin2 = 1 - cos2
+    difference = eta * eta - k * k - sin2
+    modulus = dr.safe_sqrt(difference * difference + 4 * (eta * eta) * (k * k))
+    a = dr.safe_sqrt(0.5 * (modulus + difference))
+    twice = 2 * cos_theta_i * a
+    s = _quotient(modulus + cos2 - twice, modulus + cos2 + twice)
+    p = s * _quotient(modulus * cos2 + sin2 * sin2 - twice * sin2, modulus * cos2 + sin2 * sin2 + twice * sin2)
+    return 0.5 * (s + p)
+
+
+def _quotient(numerator: Any, denominator: Any) -> Any:
+    # Both vanish together, in cases that the callers treat apart; their derivatives must stay finite even so.
+    return numerator / dr.select(denominator == 0, 1, denominator)
