@@ -1,0 +1,244 @@
+"""Mitsuba's own parser (``mi.parser``) run on a file, a string or a dict, and its result as plain nodes.
+
+Nothing of Mitsuba's state is changed: the variant is neither needed nor touched (importing a variant's module is
+enough to make its types known), and the file resolver is put back.
+"""
+
+from __future__ import annotations
+
+import importlib
+import re
+from bisect import bisect_right
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import Location, Problem, SceneError
+from .mitsuba_messages import problem_from_message
+from .nodes import Color, LiveObject, Node, ParsedScene, SpectrumSamples, Value
+from .xml_text import MAX_DEPTH, SETTING_PREFIX, check_depth, settings_in
+
+STRING_SOURCE = "<string>"
+DICT_SOURCE = "<dict>"
+
+_TAGS = {"reconstructionfilter": "rfilter", "phasefunction": "phase"}
+
+
+def mitsuba_types() -> tuple[Any, Any]:
+    """The packages ``mitsuba`` and ``mitsuba.scalar_rgb``, the latter for its types; no variant is set."""
+    return importlib.import_module("mitsuba"), importlib.import_module("mitsuba.scalar_rgb")
+
+
+def parse_file(path: str, parameters: dict[str, Any]) -> ParsedScene:
+    """Parses the XML file ``path`` with ``$name`` filled in from ``parameters``; ``SceneError`` if it cannot."""
+    file = Path(path)
+    if not file.is_file():
+        raise SceneError([Problem("scene file not found", Location(str(path)), "check the path")])
+    check_depth(_read(file), str(path))
+    mi, _ = mitsuba_types()
+    own, plain = _split_settings(parameters)
+
+    def run(config: Any) -> Any:
+        return mi.parser.parse_file(config, str(path), **plain)
+
+    return _parse(run, str(path), folder=file.parent, own_settings=own, text=None)
+
+
+def parse_string(xml: str, parameters: dict[str, Any]) -> ParsedScene:
+    """Parses XML text; otherwise as :func:`parse_file`. Relative paths start at Mitsuba's working folder."""
+    check_depth(xml, STRING_SOURCE)
+    mi, _ = mitsuba_types()
+    own, plain = _split_settings(parameters)
+
+    def run(config: Any) -> Any:
+        return mi.parser.parse_string(config, xml, **plain)
+
+    return _parse(run, STRING_SOURCE, folder=None, own_settings=own, text=xml)
+
+
+def parse_dict(scene: dict[str, Any], settings: dict[str, str] | None = None) -> ParsedScene:
+    """Parses a dict as ``mi.load_dict`` takes it. Locations name the path of keys to the entry."""
+    _check_dict(scene, "", 0)
+    mi, _ = mitsuba_types()
+    if scene.get("type") != "scene":
+        raise SceneError([Problem("the dict is not a scene", Location(DICT_SOURCE), "it needs 'type': 'scene'")])
+
+    def run(config: Any) -> Any:
+        return mi.parser.parse_dict(config, scene)
+
+    return _parse(run, DICT_SOURCE, folder=None, own_settings=dict(settings or {}), text=None)
+
+
+def _parse(
+    run: Callable[[Any], Any], source: str, *, folder: Path | None, own_settings: dict[str, str], text: str | None
+) -> ParsedScene:
+    mi, _ = mitsuba_types()
+    config = mi.parser.ParserConfig("scalar_rgb")
+    config.merge_meshes = False
+    config.merge_equivalent = False
+    with file_resolver(folder) as resolver:
+        try:
+            state = run(config)
+            mi.parser.transform_upgrade(config, state)
+        except SceneError:
+            raise
+        except Exception as error:  # Mitsuba raises RuntimeError, nanobind's casts raise others
+            raise SceneError([problem_from_message(str(error), source)]) from None
+        files = [str(file) for file in state.files]
+        texts = [text if name == STRING_SOURCE and text is not None else _read(Path(name)) for name in files]
+        settings: dict[str, str] = dict(own_settings)
+        for xml in texts:
+            for key, value in settings_in(xml).items():
+                settings.setdefault(key, value)
+        root = _nodes(state, files, texts)
+    plugins = Path(mi.__file__).parent / "plugins"
+    return ParsedScene(
+        root=root,
+        resolve=lambda name: str(resolver.resolve(name)),
+        is_plugin=lambda name: not plugins.is_dir() or any(plugins.glob(f"{re.escape(name)}.*")),
+        source=None if source in (STRING_SOURCE, DICT_SOURCE) else source,
+        settings=settings,
+    )
+
+
+@contextmanager
+def file_resolver(folder: Path | None) -> Iterator[Any]:
+    """A copy of Mitsuba's file resolver, with ``folder`` searched first, in force inside the block."""
+    mi, _ = mitsuba_types()
+    before = mi.file_resolver()
+    resolver = mi.FileResolver(before)
+    if folder is not None:
+        resolver.prepend(str(folder))
+    mi.set_file_resolver(resolver)
+    try:
+        yield resolver
+    finally:
+        mi.set_file_resolver(before)
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_bytes().decode("utf-8", "replace")
+    except OSError as error:
+        raise SceneError([Problem(f"cannot be read: {error.strerror}", Location(str(path)))]) from None
+
+
+def _split_settings(parameters: dict[str, Any]) -> tuple[dict[str, str], dict[str, Any]]:
+    own = {k[len(SETTING_PREFIX) :]: str(v) for k, v in parameters.items() if k.startswith(SETTING_PREFIX)}
+    return own, {k: v for k, v in parameters.items() if not k.startswith(SETTING_PREFIX)}
+
+
+def _check_dict(node: dict[str, Any], path: str, depth: int) -> None:
+    """Refuses what would make Mitsuba's recursive dict parser overflow its stack, such as a dict inside itself."""
+    if depth > MAX_DEPTH:
+        message = f"dicts are nested more than {MAX_DEPTH} deep, or a dict contains itself"
+        raise SceneError([Problem(message, Location(DICT_SOURCE), "give the inner object an id and refer to it")])
+    for key, value in node.items():
+        if isinstance(value, dict):
+            _check_dict(value, f"{path}.{key}" if path else str(key), depth + 1)
+
+
+# --- Mitsuba's nodes as ours ----------------------------------------------------------------------------------------
+
+
+def _nodes(state: Any, files: list[str], texts: list[str]) -> Node:
+    raw = list(state.nodes)
+    paths = list(state.node_paths)
+    counts: dict[str, int] = {}
+    taken = {node.props.id() for node in raw if node.props.id()}
+    seen: set[str] = set()
+    nodes: list[Node] = []
+    starts = [_line_starts(text) for text in texts]
+    for index, node in enumerate(raw):
+        kind = str(node.type).rsplit(".", 1)[-1].lower()
+        kind = _TAGS.get(kind, kind)
+        name = node.props.id()
+        while not name or name in seen:
+            number = counts.get(kind, 0)
+            counts[kind] = number + 1
+            candidate = f"{name or kind}_{number}"
+            name = candidate if candidate not in taken else name
+        seen.add(name)
+        if paths:
+            location = Location(f"{DICT_SOURCE}[{paths[index]}]")
+        else:
+            location = Location(files[node.file_index], bisect_right(starts[node.file_index], node.offset) + 1)
+        nodes.append(Node(kind, node.props.plugin_name(), name, location))
+    problems: list[Problem] = []
+    ids = dict(state.id_to_index)
+    for index, node in enumerate(raw):
+        _fill(nodes[index], node.props, nodes, ids, problems)
+    problems += _cycles(nodes)
+    if problems:
+        raise SceneError(problems)
+    return nodes[0]
+
+
+def _line_starts(text: str) -> list[int]:
+    data = text.encode("utf-8", "replace")
+    return [match.end() for match in re.finditer(b"\n", data)]
+
+
+def _fill(node: Node, props: Any, nodes: list[Node], ids: dict[str, int], problems: list[Problem]) -> None:
+    mi, _ = mitsuba_types()
+    types = mi.Properties.Type
+    for name in props.keys():
+        kind = props.type(name)
+        if kind == types.ResolvedReference:
+            node.children.append((name, nodes[props[name].index()]))
+        elif kind == types.Reference:
+            target = props[name].id()
+            if target in ids:
+                node.children.append((name, nodes[ids[target]]))
+            else:
+                message = f"plugin '{node.plugin}' refers to \"{target}\", which does not exist"
+                problems.append(Problem(message, node.location, f'give some object id="{target}"'))
+        else:
+            node.properties[name] = _value(props, name, kind, types)
+
+
+def _value(props: Any, name: str, kind: Any, types: Any) -> Value:
+    value = props[name]
+    if kind == types.Vector:
+        return np.array([float(x) for x in value])
+    if kind == types.Color:
+        return Color((float(value[0]), float(value[1]), float(value[2])))
+    if kind == types.Spectrum:
+        return SpectrumSamples(tuple(value.wavelengths), tuple(value.values))
+    if kind == types.Transform:
+        return np.array(value.matrix, dtype=np.float64)
+    if kind in (types.Object, types.Any):
+        return LiveObject(value)
+    return value  # type: ignore[no-any-return]
+
+
+def _cycles(nodes: list[Node]) -> list[Problem]:
+    """A problem for every node whose references lead back to itself; the walk keeps its own stack."""
+    done: set[int] = set()
+    problems: list[Problem] = []
+    for start in nodes:
+        if id(start) in done:
+            continue
+        path: list[Node] = [start]
+        active = {id(start)}
+        todo = [iter(start.children)]
+        while todo:
+            child = next(todo[-1], (None, None))[1]
+            if child is None:
+                finished = path.pop()
+                active.discard(id(finished))
+                done.add(id(finished))
+                todo.pop()
+            elif id(child) in active:
+                loop = [n.id for n in path[path.index(child) :]] + [child.id]
+                problems.append(
+                    Problem(f"circular reference: {' -> '.join(loop)}", child.location, "remove one of the references")
+                )
+            elif id(child) not in done:
+                path.append(child)
+                active.add(id(child))
+                todo.append(iter(child.children))
+    return problems
