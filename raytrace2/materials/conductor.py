@@ -14,7 +14,7 @@ from .sample import BsdfSample
 
 
 class Conductor:
-    """All smooth conductors, by place. Fresnel's equations are in the kernel unless all are perfect mirrors (eta = 0)."""
+    """All smooth conductors, by place; without Fresnel's equations if all are perfect mirrors (eta = 0)."""
 
     smooth = False
     delta = True

@@ -12,7 +12,7 @@ import drjit as dr
 class Interface:
     """What :func:`fresnel_dielectric` finds (Floats).
 
-    ``reflectance``; ``cos_theta_t``, the cosine between the normal and the refracted ray, on the side that ``wi`` is not
+    ``reflectance``; ``cos_theta_t``, the cosine between the normal and the refracted ray, on the other side than ``wi``
     (0 under total reflection); ``eta``, the index of refraction beyond the interface over that on the side of ``wi``;
     ``inverse_eta``.
     """
@@ -24,7 +24,7 @@ class Interface:
 
 
 def fresnel_dielectric(cos_theta_i: Any, eta: Any) -> Interface:
-    """Reflection between dielectrics; ``eta`` > 0 is the index on the side away from the normal over that on the normal's.
+    """Reflection between dielectrics; ``eta`` > 0 is the index behind the surface over that in front of it.
 
     Rays may come from either side (sign of ``cos_theta_i``). Grazing rays and rays beyond the critical angle are wholly
     reflected, and nothing is reflected where ``eta`` is 1. (Born and Wolf, Principles of Optics, section 1.5.)
@@ -47,7 +47,8 @@ def fresnel_dielectric(cos_theta_i: Any, eta: Any) -> Interface:
 def fresnel_conductor(cos_theta_i: Any, eta: Any, k: Any) -> Any:
     """Reflectance of a conductor whose relative complex index of refraction is ``eta + i k``, for ``cos_theta_i`` > 0.
 
-    ``eta`` and ``k`` are Array3f (or Float), and so is the result. (Born and Wolf, section 14.2; K. D. Moeller, Optics, 1988.)
+    ``eta`` and ``k`` are Array3f (or Float), and so is the result. (Born and Wolf, section 14.2; K. D. Moeller,
+    Optics, 1988.)
     """
     cos2 = cos_theta_i * cos_theta_i
     sin2 = 1 - cos2

@@ -13,7 +13,7 @@ from .sample import BsdfSample
 
 
 def opacities(bsdf: Bsdf) -> list[Texture]:
-    """The opacities of the masks around a leaf, from the outside in. ``ValueError`` for a mask inside a two-sided material."""
+    """The opacities of the masks around a leaf, outermost first; ``ValueError`` if one is inside a two-sided one."""
     if isinstance(bsdf, MaskBsdf):
         return [bsdf.opacity, *opacities(bsdf.nested)]
     if isinstance(bsdf, TwoSidedBsdf) and (opacities(bsdf.front) or opacities(bsdf.back)):

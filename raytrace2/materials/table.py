@@ -29,13 +29,13 @@ _ORDER = list(_KINDS)
 
 
 class MaterialTable:
-    """Materials by index: ``indices[i]`` (a handle, not a position) is that of the ``i``-th material given to :meth:`build`.
+    """Materials by index: ``indices[i]`` (a handle, not a position) is that of the ``i``-th one given to :meth:`build`.
 
     Leaf materials are in one table a kind; two-sided ones and masks are resolved to leaves. Kernels hold the kinds that
     occur, and no dispatch where there is one. Python flags tell integrators what they can leave out: ``has_smooth_any``
     (lobes that are not deltas), ``has_delta`` (mirror-like and null lobes), ``has_null`` (straight on: masks, thin
-    dielectrics), ``has_transmission`` (anything that crosses the surface). Directions are in the shading frame and point
-    away from the surface. Inactive lanes: weights, values and densities are of no meaning.
+    dielectrics), ``has_transmission`` (anything that crosses the surface). Directions are in the shading frame and
+    point away from the surface. What inactive lanes get means nothing.
     """
 
     def __init__(self, bsdfs: Sequence[Bsdf], textures: TextureTable) -> None:
@@ -68,8 +68,8 @@ class MaterialTable:
     def build(bsdfs: Sequence[Bsdf], types: Types, textures: TextureTable | None = None) -> MaterialTable:
         """A table of ``bsdfs``, whose textures join ``textures`` (or a table of their own).
 
-        ``ValueError`` for what cannot be: a transmissive material inside a two-sided one, an index of refraction that is
-        not positive, no material at all.
+        ``ValueError`` for what cannot be: a transmissive material inside a two-sided one, an index of refraction that
+        is not positive, no material at all.
         """
         if not bsdfs:
             raise ValueError("a material table needs at least one material")
@@ -83,7 +83,7 @@ class MaterialTable:
         raise ValueError("this material is not in the table")
 
     def sample(self, si: Any, material: Any, sample1: Any, sample2: Any, active: Any = True) -> BsdfSample:
-        """Samples a direction for ``si.wi``: ``sample1`` (Float) chooses the lobe, ``sample2`` (Array2f) the direction."""
+        """A direction for ``si.wi``: ``sample1`` (Float) chooses the lobe, ``sample2`` (Array2f) the direction."""
         active = self.types.Bool(active)
         side = self._meet(material, si.wi, active)
         opacity = solid = None
@@ -133,7 +133,7 @@ class MaterialTable:
         return result
 
     def albedo(self, si: Any, material: Any, active: Any = True) -> Any:
-        """The diffuse reflectance (Array3f), as Mitsuba's albedo AOV has it: black where all is specular, masks ignored."""
+        """The diffuse reflectance (Array3f) of Mitsuba's albedo AOV: black where all is specular, masks ignored."""
         t = self.types
         active = t.Bool(active)
         result = dr.zeros(t.Array3f)

@@ -31,7 +31,7 @@ def sides(bsdf: Bsdf) -> tuple[Bsdf, Bsdf | None]:
 
 @dataclass
 class Side:
-    """What a ray meets: ``leaf`` handle (UInt), ``wi`` on the leaf's front, and ``flipped`` (Bool, or None: nowhere)."""
+    """What a ray meets: ``leaf`` handle (UInt), ``wi`` seen from it, and if that is ``flipped`` (None: nowhere)."""
 
     leaf: Any
     wi: Any
@@ -45,7 +45,7 @@ class Side:
 
 
 class Sides:
-    """For each material (a position, here) the leaves on its two sides and whether a lobe that is not a delta occurs."""
+    """For each material (a position, here) the leaves on its two sides, and whether any lobe is not a delta."""
 
     def __init__(self, leaves: Sequence[tuple[int, int | None]], smooth: Sequence[bool], types: Types) -> None:
         self._types = types

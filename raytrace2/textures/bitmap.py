@@ -21,9 +21,9 @@ _FILTERS = {"nearest": 0, "bilinear": 1}
 
 @dataclass
 class Image:
-    """One image a lane: ``offset`` UInt (texels before it), ``width`` and ``height`` Float, ``mode``, ``filter`` UInt, ``srgb`` Bool.
+    """One image a lane: ``offset`` UInt (texels before it), ``width`` and ``height`` Float.
 
-    The last three are None where all images agree.
+    ``mode`` and ``filter`` (UInt) and ``srgb`` (Bool) are None where all images agree.
     """
 
     offset: Any
@@ -37,7 +37,7 @@ class Image:
 class Bitmaps:
     """Images of one storage format (see :class:`~raytrace2.textures.texels.Texels`), by place.
 
-    Texel (column i, row j) covers u in [i, i + 1] / width and v in [j, j + 1] / height, as in Mitsuba: row 0 lies at v = 0.
+    Texel (column i, row j) covers u in [i, i + 1] / width, v in [j, j + 1] / height: as in Mitsuba, row 0 is at v = 0.
     Wrap modes, filters and sRGB decoding are part of the kernel only where they differ between images.
     """
 
@@ -109,7 +109,7 @@ class Bitmaps:
 
 
 def check_bitmap(bitmap: BitmapTexture) -> None:
-    """``ValueError`` unless a table can hold the pixels: (height, width, 1 or 3) of a known type, at most 2^24 a side."""
+    """``ValueError`` unless a table can hold the pixels: (height, width, 1 or 3), of a known type, 2^24 a side."""
     pixels = bitmap.pixels
     name = bitmap.filename or "a bitmap"
     if pixels.ndim != 3 or pixels.shape[2] not in (1, 3) or 0 in pixels.shape:

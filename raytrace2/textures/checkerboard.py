@@ -13,7 +13,7 @@ from .uv_transform import UvTransforms
 
 
 class Checkerboards:
-    """Which of two textures shows at a uv, by place. ``handles``: (n, 2), the textures of the even and the odd fields."""
+    """Which of two textures shows at a uv, by place. ``handles``: (n, 2), those of the even and the odd fields."""
 
     def __init__(self, handles: np.ndarray, to_uv: Sequence[np.ndarray], types: Types) -> None:
         handles = np.ascontiguousarray(handles, dtype=np.uint32)

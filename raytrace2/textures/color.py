@@ -6,7 +6,7 @@ from typing import Any
 
 import drjit as dr
 
-# A rational approximation of ((x + 0.055) / 1.055)^2.4 at x = 11/255 ... 255/255, weighted for relative error: 3.1e-8 at
+# A rational approximation of ((x + 0.055) / 1.055)^2.4 at x = 11/255 ... 255/255, fitted to relative error: 3.1e-8 at
 # worst, below float32's round-off, at a tenth of the cost of a power function.
 _NUMERATOR = (
     0.0008339930986256315, 0.042529080368269676, 0.7414221492118405,
@@ -16,7 +16,7 @@ _DENOMINATOR = (1.0, 7.389417579191034, 10.623111992395424, 2.108137250317956, -
 
 
 def srgb_byte_to_linear(byte: Any, float_type: Any) -> Any:
-    """Linear intensity of an 8-bit sRGB value (IEC 61966-2-1); ``byte`` is an integer array, the result a ``float_type``.
+    """Linear intensity (a ``float_type``) of an 8-bit sRGB value (an integer array); IEC 61966-2-1.
 
     Relative error below 3e-7 in float32, that of the power function in float64.
     """

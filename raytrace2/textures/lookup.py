@@ -1,7 +1,7 @@
 """Texture look-ups that pay no heed to a pixel's footprint: the nearest texel, and bilinear interpolation.
 
-``bitmaps`` is a :class:`~raytrace2.textures.bitmap.Bitmaps`, ``uv`` (Array2f) is in the texture's own coordinates. Not a
-number comes out where a coordinate is infinite or NaN (bilinear) or any one texel (nearest).
+``bitmaps`` is a :class:`~raytrace2.textures.bitmap.Bitmaps`, ``uv`` (Array2f) is in the texture's own coordinates. Where
+one is infinite or NaN, the bilinear look-up gives NaN and the nearest one some texel.
 """
 
 from __future__ import annotations

@@ -15,10 +15,10 @@ _ABSENT = 0xFFFFFFFF
 
 
 class MeshAttributes:
-    """``vertex_...`` attributes (``corners=3``: one value a face corner) or ``face_...`` ones (``corners=1``), by place.
+    """``vertex_...`` attributes (``corners=3``: a value for each face corner) or ``face_...`` ones (1), by place.
 
-    ``meshes`` maps surface indices, as :class:`SurfaceInteraction` has them, to mesh descriptions. A surface that lacks the
-    attribute is black, as in Mitsuba. ``ValueError`` for attributes whose shape does not fit.
+    ``meshes`` maps surface indices, as :class:`SurfaceInteraction` has them, to mesh descriptions. A surface without
+    the attribute is black, as in Mitsuba. ``ValueError`` for attributes whose shape does not fit.
     """
 
     def __init__(

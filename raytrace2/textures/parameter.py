@@ -17,8 +17,8 @@ _ABSENT = 0xFFFFFFFF
 class TextureParameter:
     """``textures[i]`` is the value for thing ``i``, or None where thing ``i`` has the value one without any look-up.
 
-    Its kernels hold the kinds of texture that occur among ``textures``. ``always_one`` and ``constant`` are Python flags:
-    the value is one everywhere, or does not vary over a surface.
+    Its kernels hold the kinds of texture that occur among ``textures``. ``always_one`` is a Python flag: the value is
+    one everywhere.
     """
 
     def __init__(self, textures: Sequence[Texture | None], table: TextureTable) -> None:
@@ -28,7 +28,6 @@ class TextureParameter:
         self._reach = table.reach(present)
         self.always_one = not present
         self._some_absent = len(present) < len(indices)
-        self.constant = all(t is None or isinstance(t, ConstantTexture) for t in textures)
         self._single = len(set(indices)) == 1
         self._indices = table.types.UInt(np.array(indices[:1] if self._single else indices, dtype=np.uint32))
 
@@ -41,7 +40,7 @@ class TextureParameter:
         return dr.select(present, value, 1) if self._some_absent else value
 
     def eval_1(self, place: Any, si: Any, active: Any = True) -> Any:
-        """The one channel, or the luminance, for thing ``place`` at ``si`` (Float)."""
+        """One channel, as :meth:`TextureTable.eval_1` gives it, for thing ``place`` at ``si`` (Float)."""
         if self.always_one:
             return self._table.types.Float(1)
         index, present = self._index(place, active)

@@ -95,11 +95,11 @@ class TextureTable:
         return tuple(levels)
 
     def eval(self, index: Any, si: Any, active: Any = True, *, reach: Reach | None = None) -> Any:
-        """The colour (Array3f) of texture ``index`` (UInt, or one Python int) at ``si``; inactive lanes: anything finite."""
+        """The colour (Array3f) of texture ``index`` (UInt, or one Python int) at ``si``."""
         return self._eval(index, si.uv, si, active, reach, single=False)
 
     def eval_1(self, index: Any, si: Any, active: Any = True, *, reach: Reach | None = None) -> Any:
-        """The one channel, or the luminance, of texture ``index`` at ``si`` (Float)."""
+        """One channel (Float) of texture ``index`` at ``si``: its only one, a constant's mean, others' luminance."""
         return self._eval(index, si.uv, si, active, reach, single=True)
 
     def eval_uv(self, index: Any, uv: Any, active: Any = True, *, reach: Reach | None = None) -> Any:
@@ -121,7 +121,7 @@ class TextureTable:
             here = None if len(levels[-1]) == 1 else handles.kind_of(index) == kind
             place = handles.place_of(index)
             value = self._value(kind, place, uv, si, active if here is None else active & here, single)
-            result = value if result is None else dr.select(here, value, result)
+            result = value if here is None or result is None else dr.select(here, value, result)
         return dr.zeros(self.types.Float if single else self.types.Array3f) if result is None else result
 
     def _through_boards(self, index: Any, uv: Any, kinds: frozenset[int], active: Any, *, swapped: bool) -> Any:
@@ -144,7 +144,9 @@ class TextureTable:
             value = dr.zeros(self.types.Array3f)
         else:
             value = table.eval(place, si, active)
-        return luminance(value) if single else value
+        if not single:
+            return value
+        return (value.x + value.y + value.z) / 3 if kind == _CONSTANT else luminance(value)
 
     def _make(self, kind: int, members: list[Any]) -> Any:
         if kind == _CONSTANT:

@@ -16,10 +16,10 @@ _MOST_TEXELS = 2**30
 
 
 class Texels:
-    """Images of one format (dtype and 1 or 3 channels) end to end, row by row; ``offsets[i]`` is where image ``i`` starts.
+    """Images of one format (dtype and 1 or 3 channels) end to end, row by row; image ``i`` starts at ``offsets[i]``.
 
-    uint8 stays 8 bits a channel (colours as one 32-bit word, which takes one gather), float16 stays half, anything else
-    has the table's precision. ``srgb[i]`` tells that image ``i`` is decoded from sRGB; only uint8 can be. ``ValueError``
+    uint8 stays 8 bits a channel (colours as one 32-bit word, which takes one gather), float16 stays half, anything
+    else has the table's precision. ``srgb[i]``: image ``i`` is decoded from sRGB, as only uint8 can be. ``ValueError``
     when there are more than 2^30 texels.
     """
 
@@ -35,11 +35,13 @@ class Texels:
         flat = np.concatenate([image.reshape(-1, self.channels) for image in images])
         padded = np.pad(flat, ((0, 0), (0, 1))) if self.channels == 3 else flat
         if self._bytes and self.channels == 3:
-            self._buffer = types.UInt(padded.view("<u4").ravel().astype(np.uint32))
+            self._buffer: Any = types.UInt(padded.view("<u4").ravel().astype(np.uint32))
         elif self._bytes:
-            self._buffer = dr.uint8_array_t(types.Float)(padded.ravel())
+            bytes_type: Any = dr.uint8_array_t(types.Float)
+            self._buffer = bytes_type(padded.ravel())
         elif images[0].dtype == np.float16:
-            self._buffer = dr.float16_array_t(types.Float)(padded.ravel())
+            half_type: Any = dr.float16_array_t(types.Float)
+            self._buffer = half_type(padded.ravel())
         else:
             self._buffer = types.Float(padded.ravel().astype(types.numpy))
 
