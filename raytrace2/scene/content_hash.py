@@ -26,7 +26,7 @@ def _digest(value: Any, known: dict[int, bytes]) -> bytes:
     hasher = hashlib.sha256()
     if isinstance(value, np.ndarray):
         hasher.update(f"array {value.dtype.str} {value.shape}".encode())
-        hasher.update(np.ascontiguousarray(value))
+        hasher.update(np.ascontiguousarray(value).data)
     elif is_dataclass(value) and not isinstance(value, type):
         hasher.update(type(value).__name__.encode())
         for item in fields(value):

@@ -68,7 +68,7 @@ _TABLE: dict[str, dict[str, Any]] = {
     "lanczos": {"lobes": 3},
     "path": {**_MONTE_CARLO},
     "direct": {"shading_samples": 1, "hide_emitters": False},
-    "aov": {},
+    "aov": {"hide_emitters": False},
 }  # fmt: skip
 
 DEFAULTS = MappingProxyType({plugin: MappingProxyType(properties) for plugin, properties in _TABLE.items()})

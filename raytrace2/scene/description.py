@@ -33,7 +33,7 @@ class ConstantTexture:
 
 @dataclass(frozen=True, eq=False)
 class BitmapTexture:
-    """``pixels`` is (height, width, channels) with 1 or 3 channels, in the file's own storage: uint8, float16 or float32.
+    """``pixels`` is (height, width, channels) with 1 or 3 channels, as the file stores them: uint8, float16 or float32.
 
     uint8 pixels are sRGB-encoded unless ``raw``; floating-point ones are linear. ``to_uv`` maps the surface's uv to the
     texture's. Row 0 is the top of the image and lies at v = 1, as in Mitsuba.
@@ -180,8 +180,9 @@ class Shape:
 class MeshShape(Shape):
     """A triangle mesh in world coordinates (``to_world`` is applied).
 
-    ``vertices`` (n, 3) float64, ``faces`` (m, 3) uint32, ``normals`` (n, 3) or None (then flat shading), ``uv`` (n, 2) or
-    None; ``attributes`` maps ``vertex_...``/``face_...`` names to (n or m, channels) arrays. ``flip_normals`` is applied.
+    ``vertices`` (n, 3) float64, ``faces`` (m, 3) uint32, ``normals`` (n, 3) unit or None (then flat shading), ``uv``
+    (n, 2) or None; ``attributes`` maps ``vertex_...``/``face_...`` names to (n or m, channels) arrays. Mitsuba's
+    ``flip_normals`` is applied: it swaps the last two vertices of each face and negates ``normals``.
     """
 
     vertices: np.ndarray
@@ -194,7 +195,10 @@ class MeshShape(Shape):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SphereShape(Shape):
-    """The unit sphere under ``to_world`` (rotation, uniform scale and translation; center and radius are folded in)."""
+    """The unit sphere under ``to_world`` (rotation, uniform scale and translation; center and radius are folded in).
+
+    The normal points outward, or inward with ``flip_normals``, which already counts a ``to_world`` that mirrors.
+    """
 
     to_world: np.ndarray
     flip_normals: bool = False
@@ -202,7 +206,7 @@ class SphereShape(Shape):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RectangleShape(Shape):
-    """[-1, 1]^2 in the local xy plane, normal +z."""
+    """[-1, 1]^2 in the local xy plane; the normal is +z (under the inverse transpose), or its opposite."""
 
     to_world: np.ndarray
     flip_normals: bool = False
@@ -210,7 +214,7 @@ class RectangleShape(Shape):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DiskShape(Shape):
-    """The unit disk in the local xy plane, normal +z."""
+    """The unit disk in the local xy plane; the normal is +z (under the inverse transpose), or its opposite."""
 
     to_world: np.ndarray
     flip_normals: bool = False
@@ -218,7 +222,10 @@ class DiskShape(Shape):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CylinderShape(Shape):
-    """The open cylinder of unit radius from local z = 0 to z = 1 (p0, p1 and radius are folded into ``to_world``)."""
+    """The open cylinder of unit radius from local z = 0 to z = 1 (p0, p1 and radius are folded into ``to_world``).
+
+    The normal points away from the axis, or towards it with ``flip_normals``, also where ``to_world`` mirrors.
+    """
 
     to_world: np.ndarray
     flip_normals: bool = False
@@ -246,7 +253,8 @@ class InstanceShape(Shape):
 
 @dataclass(frozen=True)
 class ReconstructionFilter:
-    """``name`` and the parameters that it has: ``radius`` (box, tent), ``stddev`` (gaussian), ``B``/``C`` (mitchell), ``lobes`` (lanczos)."""
+    """``name`` and the parameters that it has: ``radius`` (box, tent), ``stddev`` (gaussian), ``B`` and ``C``
+    (mitchell), ``lobes`` (lanczos)."""
 
     name: Literal["box", "tent", "gaussian", "mitchell", "catmullrom", "lanczos"] = "gaussian"
     radius: float | None = None
@@ -258,7 +266,7 @@ class ReconstructionFilter:
 
 @dataclass(frozen=True)
 class Film:
-    """The whole image is ``width`` x ``height``; only the crop window is rendered. ``channels`` is 3 (rgb) or 1 (luminance)."""
+    """The whole image is ``width`` x ``height``, of which the crop window is rendered. ``pixel_format``: rgb, luminance."""
 
     width: int = 768
     height: int = 576
@@ -313,8 +321,8 @@ class OrthographicCamera(Camera):
 
 @dataclass(frozen=True)
 class Integrator:
-    """``max_depth`` counts as in Mitsuba (-1: no bound; 1: emitters only; 2: direct light). ``aovs``: (name, kind) pairs
-    for ``kind="aov"``, whose ``nested`` integrator gives the image that they follow."""
+    """``max_depth`` counts as in Mitsuba (-1: no bound; 1: emitters only; 2: direct light). ``aovs``: (name, kind)
+    pairs for ``kind="aov"``, whose ``nested`` integrator gives the image that they follow."""
 
     kind: Literal["aov", "direct", "path"] = "path"
     max_depth: int = -1

@@ -9,7 +9,8 @@ from ..errors import Location, Problem
 _ORIGIN = re.compile(r"\[[\w.]+\.(?:cpp|h):\d+\] ?")
 _AT_LINE = re.compile(r"Error while loading (?P<file>.+?) \(line (?P<line>\d+), col \d+\): (?P<message>.*)", re.DOTALL)
 _BROKEN = re.compile(
-    r'(?:Parsing of XML file "(?P<file>.+?)" failed|XML parsing failed): (?P<message>.*?) \(line (?P<line>\d+), col \d+\)',
+    r'(?:Parsing of XML file "(?P<file>.+?)" failed|XML parsing failed): '
+    r"(?P<message>.*?) \(line (?P<line>\d+), col \d+\)",
     re.DOTALL,
 )
 _IN_FILE = re.compile(r'Error while loading XML file "(?P<file>.+?)": (?P<message>.*)', re.DOTALL)

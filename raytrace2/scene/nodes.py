@@ -20,7 +20,7 @@ class Color:
 
 @dataclass(frozen=True)
 class SpectrumSamples:
-    """A spectrum given as values at ``wavelengths`` (nm), or one value for all of them when ``wavelengths`` is empty."""
+    """A spectrum given as values at ``wavelengths`` (nm), or as one value for all when ``wavelengths`` is empty."""
 
     wavelengths: tuple[float, ...]
     values: tuple[float, ...]
@@ -39,7 +39,7 @@ Value: TypeAlias = float | int | bool | str | np.ndarray | Color | SpectrumSampl
 
 @dataclass(eq=False)
 class Node:
-    """One plugin of the scene. ``kind`` is its tag (``"shape"``, ``"bsdf"``, ...); ``children`` are in written order."""
+    """One plugin of the scene. ``kind`` is its tag (``"shape"``, ``"bsdf"``, ...); ``children`` are in their order."""
 
     kind: str
     plugin: str
@@ -51,7 +51,7 @@ class Node:
 
 @dataclass(frozen=True, eq=False)
 class ParsedScene:
-    """``resolve`` finds a file as Mitsuba would; ``used`` tells whether a plugin name is one of Mitsuba's at all."""
+    """``resolve`` finds a file as Mitsuba would; ``is_plugin`` tells whether Mitsuba has a plugin of that name."""
 
     root: Node
     resolve: Callable[[str], str]

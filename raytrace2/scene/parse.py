@@ -212,7 +212,8 @@ def _value(props: Any, name: str, kind: Any, types: Any) -> Value:
         return np.array(value.matrix, dtype=np.float64)
     if kind in (types.Object, types.Any):
         return LiveObject(value)
-    return value  # type: ignore[no-any-return]
+    plain: Value = value
+    return plain
 
 
 def _cycles(nodes: list[Node]) -> list[Problem]:

@@ -10,13 +10,13 @@ import numpy as np
 from .reading import Reading
 
 
-def load_pixels(path: str, reading: Reading) -> tuple[np.ndarray, bool]:
-    """The image file ``path`` and whether its values are sRGB-encoded; files are read once per scene."""
+def load_pixels(path: str, raw: bool, reading: Reading) -> tuple[np.ndarray, bool]:
+    """The image file ``path`` and whether its values are sRGB-encoded (never if ``raw``); read once per scene."""
     from ..image_io import read_image
 
-    key = os.path.abspath(path)
+    key = (os.path.abspath(path), raw)
     if key not in reading.files:
-        reading.files[key] = read_image(path)
+        reading.files[key] = read_image(path, raw=raw)
     pixels, encoded = reading.files[key]
     return pixels, encoded
 

@@ -27,7 +27,10 @@ def read_bsdf(node: Node, reading: Reading, depth: int = 0) -> Bsdf:
     """The BSDF ``node``; a problem and a placeholder if it is not supported."""
     reader = _READERS.get(node.plugin)
     if reader is None:
-        reading.unsupported(node, list(_READERS))
+        reading.unsupported(node, _READERS)
+        for _, child in node.children:
+            if child.kind == "bsdf" and depth < _DEEPEST:
+                read_bsdf(child, reading, depth + 1)
         return DiffuseBsdf()
     if depth > _DEEPEST:
         reading.refuse(node, f"BSDFs are nested more than {_DEEPEST} deep", "flatten them")

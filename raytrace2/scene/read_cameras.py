@@ -18,7 +18,7 @@ _FOV_AXES = ("x", "y", "diagonal", "smaller", "larger")
 def read_camera(node: Node, reading: Reading) -> Camera | None:
     """The camera ``node``; None (and a problem) if it is not supported."""
     if node.plugin not in _CAMERAS:
-        reading.unsupported(node, list(_CAMERAS))
+        reading.unsupported(node, _CAMERAS)
         return None
     properties = PropertyReader(node, reading)
     film = read_film(properties.only_child("film"), reading)
@@ -94,6 +94,6 @@ def _focal_length(properties: PropertyReader) -> float:
     except ValueError:
         length = math.nan
     if not 0.0 < length < math.inf:
-        properties.reading.refuse(properties.node, f"'focal_length' must be like \"50mm\", not \"{text}\"")
+        properties.reading.refuse(properties.node, f'\'focal_length\' must be like "50mm", not "{text}"')
         return 50.0
     return length

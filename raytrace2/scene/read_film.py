@@ -50,7 +50,7 @@ def _read_filter(node: Node | None, reading: Reading) -> ReconstructionFilter:
     if node is None:
         return ReconstructionFilter()
     if node.plugin not in _FILTERS:
-        reading.unsupported(node, list(_FILTERS))
+        reading.unsupported(node, _FILTERS)
         return ReconstructionFilter()
     properties = PropertyReader(node, reading)
     match node.plugin:
@@ -75,7 +75,7 @@ def read_sampler(node: Node | None, reading: Reading) -> Sampler:
     if node is None:
         return Sampler()
     if node.plugin not in _SAMPLERS:
-        reading.unsupported(node, list(_SAMPLERS))
+        reading.unsupported(node, _SAMPLERS)
         return Sampler()
     properties = PropertyReader(node, reading)
     count = properties.integer("sample_count", least=1)

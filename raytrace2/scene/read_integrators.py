@@ -16,7 +16,7 @@ def read_integrator(node: Node, reading: Reading) -> Integrator:
     """The integrator ``node``; a problem and a placeholder if it is not supported."""
     reader = _READERS.get(node.plugin)
     if reader is None:
-        reading.unsupported(node, list(_READERS))
+        reading.unsupported(node, _READERS)
         return Integrator()
     properties = PropertyReader(node, reading)
     # Read by every Mitsuba integrator; they say how it renders, not what
@@ -41,7 +41,9 @@ def _direct(properties: PropertyReader) -> Integrator:
     both = properties.integer("shading_samples", least=0)
     separate = [name for name in ("emitter_samples", "bsdf_samples") if properties.has(name)]
     if properties.has("shading_samples") and separate:
-        properties.reading.refuse(properties.node, f"has both 'shading_samples' and '{separate[0]}'", "keep one of them")
+        properties.reading.refuse(
+            properties.node, f"has both 'shading_samples' and '{separate[0]}'", "keep one of them"
+        )
     emitter_samples = properties.integer("emitter_samples", least=0, default=both)
     bsdf_samples = properties.integer("bsdf_samples", least=0, default=both)
     if emitter_samples + bsdf_samples == 0:
@@ -67,11 +69,11 @@ def _aov(properties: PropertyReader) -> Integrator:
     if nested is not None and nested.plugin == "aov":
         reading.refuse(nested, "cannot be inside another aov integrator", "list all aovs in one")
         nested = None
-    properties.ignore("hide_emitters")
+    hide_emitters = properties.boolean("hide_emitters")
     if not aovs:
-        reading.refuse(node, "'aovs' lists nothing", "name some, such as aovs=\"depth:depth\"")
+        reading.refuse(node, "'aovs' lists nothing", 'name some, such as aovs="depth:depth"')
     inner = read_integrator(nested, reading) if nested is not None else None
-    return Integrator("aov", aovs=tuple(aovs), nested=inner)
+    return Integrator("aov", hide_emitters=hide_emitters, aovs=tuple(aovs), nested=inner)
 
 
 _READERS = {"path": _path, "direct": _direct, "aov": _aov}

@@ -122,32 +122,28 @@ def _environment(properties: PropertyReader) -> Light | None:
     if len(given) != 1:
         reading.refuse(node, "needs exactly one of 'filename' and 'bitmap'")
         return None
-    with reading.file_errors(node):
-        if filename:
-            path = reading.file(node, filename)
-            if path is None:
-                return None
-            pixels, encoded = load_pixels(path, reading)
-        elif isinstance(live, LiveObject):
-            pixels, encoded = from_live(live.value)
-        else:
-            reading.refuse(node, f"property '{given[0]}' does not name an image")
-            return None
-        try:
-            pixels = store_as_environment(pixels, encoded)
-        except ValueError as error:
-            reading.refuse(node, f"{filename or 'bitmap'}: {error}")
-            return None
-        if not np.isfinite(pixels).all():
-            reading.refuse(node, f"{filename or 'bitmap'}: has pixels that are not finite", "repair the image")
-        elif float(pixels.min()) < 0.0:
-            reading.refuse(node, f"{filename or 'bitmap'}: has negative pixels", "repair the image")
-        return EnvironmentLight(frozen(pixels), frozen(matrix), scale, filename)
-    return None
+    if filename:
+        path = reading.file(node, filename)
+        found = reading.attempt(node, lambda: load_pixels(path, False, reading)) if path else None
+    elif isinstance(live, LiveObject):
+        found = reading.attempt(node, lambda: from_live(live.value))
+    else:
+        reading.refuse(node, f"property '{given[0]}' does not name an image")
+        return None
+    if found is None:
+        return None
+    pixels = reading.attempt(node, lambda: store_as_environment(*found))
+    if pixels is None:
+        return None
+    if not np.isfinite(pixels).all():
+        reading.refuse(node, f"{filename or 'bitmap'}: has pixels that are not finite", "repair the image")
+    elif float(pixels.min()) < 0.0:
+        reading.refuse(node, f"{filename or 'bitmap'}: has negative pixels", "repair the image")
+    return EnvironmentLight(frozen(pixels), frozen(matrix), scale, filename)
 
 
 def has_scale(matrix: np.ndarray) -> bool:
-    """Whether the linear part is neither a rotation nor a reflection, with the tolerance (1e-3) of Mitsuba's cameras."""
+    """Whether the linear part is neither rotation nor reflection, with the tolerance (1e-3) of Mitsuba's cameras."""
     linear = matrix[:3, :3]
     return bool(np.abs(linear @ linear.T - np.eye(3)).max() > 1e-3)
 

@@ -74,10 +74,8 @@ def _mesh_file(properties: PropertyReader, common: dict[str, Any]) -> Shape | No
     else:
         options["flip_tex_coords"] = properties.boolean("flip_tex_coords")
     properties.finish()
-    mesh = None
-    with reading.file_errors(node):
-        if (path := reading.file(node, filename)) is not None:
-            mesh = load_mesh(reading, path, node.plugin, **options)
+    path = reading.file(node, filename)
+    mesh = reading.attempt(node, lambda: load_mesh(reading, path, node.plugin, **options)) if path else None
     if mesh is None:
         return None
     return mesh_shape(mesh, matrix, face_normals, flip_normals, reading, node, {**common, "filename": filename})

@@ -26,7 +26,7 @@ def texture_property(properties: PropertyReader, name: str, role: Role = "reflec
         return read_texture(child, reading, role)
     value = properties.raw(name)
     if value is None:
-        return ConstantTexture(constant_rgb(properties._defaults[name], role))
+        return ConstantTexture(constant_rgb(properties.default(name), role))
     try:
         return ConstantTexture(constant_rgb(value, role))
     except ValueError as error:
@@ -47,7 +47,7 @@ def read_texture(node: Node, reading: Reading, role: Role) -> Texture:
     """The texture ``node``; a problem and a placeholder if it is not supported."""
     reader = _READERS.get(node.plugin)
     if reader is None:
-        reading.unsupported(node, list(_READERS))
+        reading.unsupported(node, _READERS)
         return _PLACEHOLDER
     return cast(Texture, reading.once(node, lambda: reader(PropertyReader(node, reading), role)))
 
@@ -81,24 +81,21 @@ def _bitmap(properties: PropertyReader, role: Role) -> Texture:
     if len(given) != 1:
         reading.refuse(node, "needs exactly one of 'filename', 'bitmap' and 'data'")
         return _PLACEHOLDER
-    pixels: np.ndarray | None = None
-    encoded = False
-    with reading.file_errors(node):
-        if filename:
-            if (path := reading.file(node, filename)) is not None:
-                pixels, encoded = load_pixels(path, reading)
-        elif isinstance(live, LiveObject):
-            pixels, encoded = from_live(live.value)
-            encoded = encoded and given[0] == "bitmap"
-        else:
-            reading.refuse(node, f"property '{given[0]}' must be {'a path' if given[0] == 'filename' else 'an image'}")
-    if pixels is None:
+    found: tuple[np.ndarray, bool] | None = None
+    if filename:
+        path = reading.file(node, filename)
+        found = reading.attempt(node, lambda: load_pixels(path, raw, reading)) if path else None
+    elif isinstance(live, LiveObject):
+        found = reading.attempt(node, lambda: from_live(live.value))
+    else:
+        reading.refuse(node, f"property '{given[0]}' does not name an image")
+    image, source_encoded = found if found else (None, False)
+    stored = (
+        None if image is None else reading.attempt(node, lambda: store_as_texture(image, source_encoded and not raw))
+    )
+    if stored is None:
         return _PLACEHOLDER
-    try:
-        pixels, encoded = store_as_texture(pixels, encoded and not raw)
-    except ValueError as error:
-        reading.refuse(node, f"{filename or given[0]}: {error}")
-        return _PLACEHOLDER
+    pixels, encoded = stored
     kept = {"uint8": np.uint8, "float16": np.float16, "fp16": np.float16}.get(stated, pixels.dtype)
     if pixels.dtype != kept:
         reading.refuse(node, f"format '{stated}' would requantise this {pixels.dtype} image", "leave out 'format'")

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from ..errors import FileError, Problem
 from .defaults import DEFAULTS
 from .nodes import Node, Value
+
+T = TypeVar("T")
 
 
 @dataclass
@@ -34,7 +35,7 @@ class Reading:
         if problem not in self.problems:
             self.problems.append(problem)
 
-    def unsupported(self, node: Node, supported: Iterator[str] | list[str]) -> None:
+    def unsupported(self, node: Node, supported: Iterable[str]) -> None:
         """Reports that ``node`` is of a kind that cannot be rendered at all."""
         names = ", ".join(sorted(supported))
         problem = Problem(
@@ -57,15 +58,17 @@ class Reading:
             return None
         return path
 
-    @contextmanager
-    def file_errors(self, node: Node) -> Iterator[None]:
-        """Turns a ``FileError`` inside the block into a problem of ``node``."""
+    def attempt(self, node: Node, load: Callable[[], T]) -> T | None:
+        """``load()``, or None after its ``FileError`` or ``ValueError`` has become a problem of ``node``."""
         try:
-            yield
+            return load()
         except FileError as error:
             problem = error.problem
             where = f"{problem.location}: " if problem.location else ""
             self.refuse(node, f"{where}{problem.message}", problem.remedy)
+        except ValueError as error:
+            self.refuse(node, str(error))
+        return None
 
 
 class PropertyReader:
@@ -74,7 +77,7 @@ class PropertyReader:
     def __init__(self, node: Node, reading: Reading) -> None:
         self.node = node
         self.reading = reading
-        self._defaults = DEFAULTS.get(node.plugin, {})
+        self._defaults: Mapping[str, Any] = DEFAULTS.get(node.plugin, {})
         self._asked: set[str] = set()
 
     def has(self, name: str) -> bool:
@@ -84,6 +87,10 @@ class PropertyReader:
     def ignore(self, *names: str) -> None:
         """Accepts properties that shape no image."""
         self._asked.update(names)
+
+    def default(self, name: str) -> Any:
+        """The default of ``name`` in the table, or None."""
+        return self._defaults.get(name)
 
     def raw(self, name: str) -> Value | None:
         """The value as parsed, or None if it is not written."""

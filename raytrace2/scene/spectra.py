@@ -1,7 +1,7 @@
 """Colours and spectra as the linear RGB triple that Mitsuba's RGB variants would make of them.
 
-Plain numbers and RGB are trivial. Spectra (tables of wavelengths) are put, alone, into a plugin that Mitsuba instantiates
-in its ``scalar_rgb`` variant, whose parameter is then read back: the conversion is Mitsuba's own.
+Plain numbers and RGB are trivial. Spectra (tables of wavelengths) are put, alone, into a plugin that Mitsuba
+instantiates in its ``scalar_rgb`` variant, whose parameter is then read back: the conversion is Mitsuba's own.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _CARRIERS = {
 
 
 def constant_rgb(value: Value, role: Role) -> RGB:
-    """The RGB triple (float32 values) of a number, colour or spectrum; ``ValueError`` if it makes no sense as ``role``."""
+    """The RGB triple (float32 values) of a number, colour or spectrum; ``ValueError`` if ``role`` cannot have it."""
     if isinstance(value, bool) or isinstance(value, str | np.ndarray | LiveObject):
         raise ValueError("a number, an rgb colour or a spectrum is needed")
     if isinstance(value, int | float):
@@ -91,8 +91,9 @@ def plugin_parameters(plugin: str, kind: str, properties: dict[str, Any]) -> dic
     except RuntimeError as error:
         raise ValueError(" ".join(str(error).rsplit("]", 1)[-1].split())) from None
     found: dict[str, Any] = {}
+    base: Any = variant.TraversalCallback
 
-    class Collector(variant.TraversalCallback):  # type: ignore[misc]
+    class Collector(base):
         def __init__(self, owner: Any, prefix: str) -> None:
             super().__init__()
             self.owner, self.prefix = owner, prefix
