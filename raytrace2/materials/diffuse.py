@@ -35,9 +35,10 @@ class Diffuse:
 
     def eval_pdf(self, si: Any, wi: Any, wo: Any, place: Any, active: Any) -> tuple[Any, Any]:
         """Value times cosine, and density, of ``wo``."""
-        active = active & (wi.z > 0) & (wo.z > 0)
-        pdf = dr.select(active, wo.z * INV_PI, 0)
-        return self._reflectance.eval(place, si, active) * pdf, pdf
+        front = active & (wi.z > 0)
+        pdf = dr.select(front & (wo.z > 0), wo.z * INV_PI, 0)
+        # The mask is that of sample(), so that Dr.Jit sees one look-up where a kernel does both.
+        return self._reflectance.eval(place, si, front) * pdf, pdf
 
     def albedo(self, si: Any, place: Any, active: Any) -> Any:
         """The reflectance, on either side."""

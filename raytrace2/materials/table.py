@@ -101,7 +101,10 @@ class MaterialTable:
         return self._masks.through(si.wi, opacity, solid, result) if self._masks else result
 
     def eval_pdf(self, si: Any, material: Any, wo: Any, active: Any = True) -> tuple[Any, Any]:
-        """Value times cosine (Array3f) and density per steradian (Float) for ``wo``; delta lobes do not count."""
+        """Value times cosine (Array3f) and density per steradian (Float) for ``wo``; delta lobes do not count.
+
+        Called beside :meth:`sample` with the same ``si``, ``material`` and ``active``, it shares its texture look-ups.
+        """
         t = self.types
         value, pdf = dr.zeros(t.Array3f), dr.zeros(t.Float)
         if not self.has_smooth_any:

@@ -1,6 +1,6 @@
 """Texture look-ups that pay no heed to a pixel's footprint: the nearest texel, and bilinear interpolation.
 
-``bitmaps`` is a :class:`~raytrace2.textures.bitmap.Bitmaps`, ``uv`` (Array2f) is in the texture's own coordinates. Where
+``bitmaps`` is a :class:`~raytrace2.textures.bitmap.Bitmaps`, ``uv`` (Array2f) is in the texture's coordinates. Where
 one is infinite or NaN, the bilinear look-up gives NaN and the nearest one some texel.
 """
 
