@@ -29,13 +29,15 @@ _KINDS: tuple[type[description.Shape], ...] = (
 class AreaLights:
     """``order``: which of the shapes given each light is; lights of one shape kind follow each other. ``kinds``: those
     present, each with its first light and how many there are (UInt, opaque). ``emission``: per light radiance and area.
-    ``texture``: UInt indices that replace the radiance, or None if no light has a texture."""
+    ``texture``: UInt indices that replace the radiance, or None if no light has a texture; ``reach``: what they can
+    meet."""
 
     types: Types
     order: tuple[int, ...]
     kinds: tuple[tuple[Any, Any, Any], ...]
     emission: Any
     texture: Any
+    reach: Any
     textures: Any
 
     @staticmethod
@@ -66,7 +68,8 @@ class AreaLights:
                 kinds.append((_BUILDERS[kind](group, textured, types), *span))
                 first += len(group)
         return AreaLights(types, tuple(order), tuple(kinds), pack(emission, types),
-                          types.UInt(texture) if textured else None, textures)
+                          types.UInt(texture) if textured else None,
+                          textures.reach(texture[texture != _NONE].tolist()) if textured else None, textures)
 
     def sample(self, p: Any, index: Any, u: Any, active: Any) -> LightSample:
         """A point on light ``index`` as seen from ``p``, from ``u`` (Array2f)."""
@@ -82,7 +85,7 @@ class AreaLights:
         if self.texture is not None:
             texture = dr.gather(types.UInt, self.texture, index, active)
             textured = active & (texture != _NONE)
-            texel = self.textures.eval_uv(dr.select(textured, texture, 0), result.uv, textured)
+            texel = self.textures.eval_uv(dr.select(textured, texture, 0), result.uv, textured, reach=self.reach)
             radiance = dr.select(textured, texel, radiance)
         weight, pdf = finite_or_zero(radiance * result.inverse, result.pdf, active)
         return LightSample(result.d, result.dist, weight, pdf, types.Bool(False), result.p)
@@ -95,7 +98,8 @@ class AreaLights:
         if self.texture is not None:
             texture = dr.gather(types.UInt, self.texture, index, active)
             textured = active & (texture != _NONE)
-            radiance = dr.select(textured, self.textures.eval(dr.select(textured, texture, 0), si, textured), radiance)
+            texel = self.textures.eval(dr.select(textured, texture, 0), si, textured, reach=self.reach)
+            radiance = dr.select(textured, texel, radiance)
         return dr.select(active, radiance, 0)
 
     def pdf(self, p: Any, si: Any, index: Any, active: Any) -> Any:

@@ -2,13 +2,14 @@
 
 The image has texel centres at phi = 2 pi (x + 1/2) / width, periodic, and at theta = pi y / (height - 1), so that its
 first and last rows are the poles; local y points to the top row and -z to phi = 0. Between centres both the radiance
-and the sampling density are bilinear, as in Mitsuba's ``envmap``, and they share the four texels of one lookup.
+and the sampling density are bilinear, and they share the four texels of one lookup. All of this agrees with Mitsuba's
+``envmap`` but for the density in the two rows of cells at the poles, which is kept above 0.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import pi
+from math import pi, sin
 from typing import Any
 
 import drjit as dr
@@ -16,7 +17,7 @@ import numpy as np
 
 from ..errors import FileError, Location, Problem, SceneError
 from ..scene import description
-from ..types import Types
+from ..types import Types, types_of
 from . import cdf
 from .infinite import BoundingSphere
 from .sample import LightSample, finite_or_zero, pack
@@ -50,7 +51,8 @@ class EnvironmentMap:
                             remedy="replace those pixels by finite values")
         height, width = radiance.shape[:2]
         sines = np.sin(np.arange(height) * (pi / (height - 1)))
-        sines[-1] = 0.0
+        # A density of 0 at the poles would never find a bright pole beside a dark row, and give it unbounded weights.
+        sines[[0, -1]] = sin(pi / (4 * (height - 1)))
         radiance = np.concatenate([radiance, radiance[:, :1]], axis=1)
         density = np.abs(radiance @ np.array(_LUMINANCE)) * sines[:, None]
         peak = density.max()
@@ -82,14 +84,14 @@ class EnvironmentMap:
         s = _sample_linear(dr.lerp(density[0], density[2], v), dr.lerp(density[1], density[3], v), s)
         texel = _bilinear(corners, s, v)
 
-        theta: Any = (types.Float(y) + v) * (pi / types.Float(self.height - 1))
-        phi: Any = (types.Float(x) + s + 0.5) * (2 * pi / types.Float(self.width))
+        theta = (types.Float(y) + v) * (pi / types.Float(self.height - 1))
+        phi = (types.Float(x) + s + 0.5) * (2 * pi / types.Float(self.width))
         sin_theta, cos_theta = dr.sincos(theta)
         sin_phi, cos_phi = dr.sincos(phi)
         sin_theta = dr.fmax(sin_theta, 0)
-        local: Any = types.Array3f(sin_phi * sin_theta, cos_theta, -cos_phi * sin_theta)
+        local = types.Array3f(sin_phi * sin_theta, cos_theta, -cos_phi * sin_theta)
         d = types.Array3f(*(dr.dot(row, local) for row in self.rotation))
-        pdf: Any = texel.w / (2 * pi * pi * dr.fmax(sin_theta, _tiny(types)))
+        pdf = _per_steradian(texel.w, sin_theta)
         dist = self.sphere.beyond(p)
         weight, pdf = finite_or_zero(texel.xyz / pdf, pdf, active)
         return LightSample(d, dist, weight, pdf, types.Bool(False), dr.fma(d, dist, p))
@@ -110,7 +112,7 @@ class EnvironmentMap:
         x = dr.fmax(dr.fmin(dr.floor(column), width - 1), 0)
         y = dr.fmax(dr.fmin(dr.floor(row), height - 2), 0)
         texel = _bilinear(self._corners(types.UInt(x), types.UInt(y), active), column - x, dr.fmin(row - y, 1))
-        pdf = texel.w / (dr.fmax(sin_theta, _tiny(types)) * (2 * pi * pi))
+        pdf = _per_steradian(texel.w, sin_theta)
         return dr.select(active, texel.xyz, 0), dr.select(active, pdf, 0)
 
     def _corners(self, x: Any, y: Any, active: Any) -> list[Any]:
@@ -145,5 +147,6 @@ def _rotation(light: description.EnvironmentLight) -> np.ndarray:
     return rotation
 
 
-def _tiny(types: Types) -> float:
-    return types.epsilon**2
+def _per_steradian(density: Any, sin_theta: Any) -> Any:
+    # The floor keeps the quotient finite at the poles.
+    return density / ((2 * pi * pi) * dr.fmax(sin_theta, types_of(density).epsilon ** 2))

@@ -21,11 +21,12 @@ _NONE = 0xFFFFFFFF
 class SpotLights:
     """``records``: per light three rows of the world-to-local matrix, position and intensity, each with one angle in
     the fourth place: tan(cutoff), cutoff, beam width, 1 / (cutoff - beam width), 0. ``texture``: UInt indices, or None
-    if no spot light has one."""
+    if no spot light has one; ``reach``: what they can meet."""
 
     types: Types
     records: Any
     texture: Any
+    reach: Any
     textures: Any
 
     @staticmethod
@@ -41,7 +42,8 @@ class SpotLights:
             if light.texture is not None:
                 texture[i] = textures.add(light.texture)
         textured = bool((texture != _NONE).any())
-        return SpotLights(types, pack(rows, types), types.UInt(texture) if textured else None, textures)
+        reach = textures.reach(texture[texture != _NONE].tolist()) if textured else None
+        return SpotLights(types, pack(rows, types), types.UInt(texture) if textured else None, reach, textures)
 
     def sample(self, p: Any, index: Any, active: Any) -> LightSample:
         """Towards light ``index`` from ``p``; the weight is ``intensity * falloff * texture / dist^2``."""
@@ -61,7 +63,7 @@ class SpotLights:
             textured = active & (texture != _NONE)
             scale = 0.5 / dr.select(textured, local.z * rows[0].w, 1)
             uv = types.Array2f(0.5 + local.x * scale, 0.5 + local.y * scale)
-            texel = self.textures.eval_uv(dr.select(textured, texture, 0), uv, textured)
+            texel = self.textures.eval_uv(dr.select(textured, texture, 0), uv, textured, reach=self.reach)
             intensity = dr.select(textured, intensity * texel, intensity)
         inverse = dr.rcp(dist)
         weight, pdf = finite_or_zero(intensity * (falloff * inverse) * inverse, types.Float(1), active)

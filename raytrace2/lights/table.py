@@ -58,9 +58,9 @@ class LightTable:
     ) -> LightTable:
         """The table of ``lights`` and of the emissive shapes ``area``, each with its surface index.
 
-        ``textures`` takes textures by ``add(texture) -> int`` and evaluates them by ``eval`` and ``eval_uv``;
-        ``scene_bounds`` are the corners of the scene's box, float64 (3,). Raises ``SceneError`` naming every light that
-        cannot be represented.
+        ``textures`` is a :class:`~raytrace2.textures.table.TextureTable`; textures join it here, so it is finished
+        afterwards. ``scene_bounds`` are the corners of the scene's box, float64 (3,). Raises ``SceneError`` naming
+        every light that cannot be represented.
         """
         _check(lights)
         sphere = BoundingSphere.of_box(*scene_bounds, types)

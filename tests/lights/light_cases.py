@@ -1,42 +1,25 @@
-"""One light at a time, as a description and as Mitsuba's dict, and stand-ins for what other packages give."""
+"""One light at a time, as a description and as Mitsuba's dict."""
 
 from __future__ import annotations
 
 from typing import Any
 
-import drjit as dr
 import numpy as np
 
 from raytrace2.lights import LightTable
 from raytrace2.scene import description as d
+from raytrace2.textures.table import TextureTable
 from raytrace2.types import types
 
 BOUNDS = (np.array([-3.0, -2.0, -4.0]), np.array([3.0, 2.0, 4.0]))
 CENTER, RADIUS = np.zeros(3), float(np.sqrt(29.0))
 
 
-class Textures:
-    """A stand-in for the texture table: every texture is a smooth function of uv with its own phase."""
-
-    def __init__(self) -> None:
-        self.count = 0
-
-    def add(self, texture: Any) -> int:
-        self.count += 1
-        return self.count - 1
-
-    def eval_uv(self, index: Any, uv: Any, active: Any) -> Any:
-        kind = types("float64" if dr.type_v(uv) == dr.VarType.Float64 else "float32")
-        phase = kind.Float(index)
-        value = kind.Array3f(1.5 + dr.sin(7 * uv.x + phase), 1 + 0.5 * dr.cos(9 * uv.y), 2 - uv.x * uv.y)
-        return dr.select(active, value, 0)
-
-    def eval(self, index: Any, si: Any, active: Any) -> Any:
-        return self.eval_uv(index, si.uv, active)
-
-
 def build(lights: Any = (), area: Any = (), precision: str = "float32", bounds: Any = BOUNDS) -> LightTable:
-    return LightTable.build(lights, list(enumerate(area)), Textures(), bounds, types(precision))
+    textures = TextureTable(types(precision))
+    table = LightTable.build(lights, list(enumerate(area)), textures, bounds, types(precision))
+    textures.finish()
+    return table
 
 
 def rotation(seed: int) -> np.ndarray:
@@ -122,7 +105,7 @@ def interaction(si: Any, kind: Any) -> Any:
 
     v, f = kind.Array3f, si.sh_frame
     return SurfaceInteraction(
-        kind.Bool(si.is_valid()), kind.Float(si.t), v(si.p), v(si.n), Frame(v(f.s), v(f.t), v(f.n)), kind.Array2f(si.uv),
-        v(si.dp_du), v(si.dp_dv), kind.Array2f(si.uv), v(si.wi), kind.UInt(si.prim_index),
+        kind.Bool(si.is_valid()), kind.Float(si.t), v(si.p), v(si.n), Frame(v(f.s), v(f.t), v(f.n)),
+        kind.Array2f(si.uv), v(si.dp_du), v(si.dp_dv), kind.Array2f(si.uv), v(si.wi), kind.UInt(si.prim_index),
         kind.UInt(0), kind.UInt(0xFFFFFFFF),
     )
