@@ -25,7 +25,7 @@ _NOT_FINITE = (255, 0, 255)
 
 
 class ImageData(NamedTuple):
-    """``pixels`` (H, W, 1 or 3) uint8, float16 or float32, row 0 on top; floats need no decoding, uint8 does if flagged."""
+    """``pixels`` (H, W, 1 or 3) uint8, float16 or float32, row 0 on top; ``is_srgb_encoded`` ones are uint8."""
 
     pixels: np.ndarray
     is_srgb_encoded: bool
@@ -96,8 +96,10 @@ def _decode(data: bytes, name: str) -> np.ndarray:
                     raise FileError("PPM images of more than 8 bits cannot be read", name, remedy="convert it to PNG")
                 if image.mode in ("L", "LA", "1"):
                     return np.array(image.convert("L"))[:, :, None]
-                if image.mode in ("RGB", "RGBA", "RGBX", "P", "PA"):
-                    return np.array(image.convert("RGB"))
+                if image.mode in ("P", "PA"):
+                    return np.array(image.convert("RGBA"))[:, :, :3]
+                if image.mode in ("RGB", "RGBA", "RGBX"):
+                    return np.array(image)[:, :, :3]
                 message, remedy = f"images of mode {image.mode} cannot be read", "convert the image to RGB or gray"
     except FileError:
         raise
@@ -131,7 +133,7 @@ def _png_bytes(data: bytes, order: str) -> np.ndarray:
     """The more ("B") or the less ("L") significant bytes of 16-bit RGB or RGBA, (H, W, 3) uint8."""
     with Image.open(io.BytesIO(data), formats=("PNG",)) as image:
         # PNG is big-endian; a decoder told that it is little-endian takes the other byte for the upper one.
-        image.tile = [tile._replace(args=f"{image.mode};16{order}") for tile in image.tile]
+        image.tile = [(*tile[:3], f"{image.mode};16{order}") for tile in image.tile]  # type: ignore[misc]
         return np.array(image)[:, :, :3]
 
 
