@@ -171,7 +171,8 @@ def test_reference_points_on_and_far_from_delta_lights():
     p = np.array([[1, 2, 3], [0.5, 0.2, 1], [1e30, 0, 0], [1e-30, 0, 0], [1 + 1e-7, 2, 3], [1e37, -1e37, 1e37]]).T
     x = (np.arange(table.count) + 0.5) / table.count
     for light in x:
-        s = table.sample(T.Array3f(p.astype(np.float32)), T.Array2f(dr.opaque(T.Float, float(light)), 0.3), T.Bool(True))
+        u = T.Array2f(dr.opaque(T.Float, float(light)), 0.3)
+        s = table.sample(T.Array3f(p.astype(np.float32)), u, T.Bool(True))
         for value in (s.d, s.weight, s.pdf, s.dist, s.p):
             assert np.isfinite(value.numpy()).all()
 
