@@ -395,7 +395,7 @@ def test_paths_that_are_no_files(tmp_path):
         load_mesh_file(tmp_path / "x.stl", "stl")  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("scale", [1e-300, 1e-160, 1e-20, 1.0, 1e20, 1e150])
+@pytest.mark.parametrize("scale", [1e-300, 1e-160, 1e-20, 1.0, 1e20, 1e150, 1e308])
 def test_computed_normals_do_not_depend_on_scale(scale):
     expected = vertex_normals(TETRAHEDRON, TETRAHEDRON_FACES)
     scaled = vertex_normals(TETRAHEDRON.astype(np.float64) * scale, TETRAHEDRON_FACES)

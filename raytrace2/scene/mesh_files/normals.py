@@ -31,7 +31,10 @@ def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     Source: Thuermer and Wuethrich, "Computing Vertex Normals from Polygonal Facets", JGT 3(1), 1998.
     """
     corners = np.asarray(vertices, dtype=np.float64)[faces]
-    # Unit edges first: products of raw edges under- or overflow at scales that coordinates themselves can have.
+    # Differences and products under- or overflow at scales that coordinates can have: each face is brought to
+    # coordinates below 1, exactly, and its edges to unit length before they are multiplied.
+    _, exponent = np.frexp(np.abs(corners).max(axis=(1, 2), keepdims=True, initial=0.0))
+    corners = np.ldexp(corners, -exponent)
     edges = _unit(np.roll(corners, -1, axis=1) - corners)
     totals = np.zeros((len(vertices), 3))
     for i in range(3):

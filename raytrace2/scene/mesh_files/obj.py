@@ -85,7 +85,8 @@ def read_obj(path: str | os.PathLike[str], *, flip_tex_coords: bool = True) -> M
         raise FileError(f"vertex {bad + 1} is not finite", name, line_number, remedy)
     uv = None
     if keys[:, 1].any():
-        texels = np.array(uvs, dtype=np.float32).reshape(-1, 2)
+        with np.errstate(over="ignore"):  # a number too large for float32 becomes infinity, which is refused below
+            texels = np.array(uvs).astype(np.float32).reshape(-1, 2)
         if flip_tex_coords:
             texels[:, 1] = np.float32(1) - texels[:, 1]
         uv = _gather(texels, keys[:, 1])

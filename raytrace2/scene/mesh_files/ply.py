@@ -147,7 +147,8 @@ def _ascii(data: bytes, header: Header, name: str) -> dict[str, Columns]:
                 text = column[index][:40].decode("ascii", "backslashreplace")
                 message = f"cannot read '{text}' as the property '{field.name}' of {element.name} {index}"
                 raise FileError(message, name, line, "only triangles can be read; else the file is damaged")
-            columns.append(values.astype(field.code))
+            with np.errstate(over="ignore"):  # a number too large for float becomes infinity, which is refused below
+                columns.append(values.astype(field.code))
         result[element.name] = columns
         _require_triples(element, columns, name, partial(_ascii_line, data, header, element.name))
         at += size
