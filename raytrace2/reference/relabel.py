@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,47 +63,69 @@ def distinct(ours: int, reference: int) -> int:
     return total // 2 if ours == reference else total
 
 
-def relabelling_pvalue(
-    columns: np.ndarray, margin: np.ndarray, statistic: Callable[[np.ndarray], np.ndarray], labels: Labellings
-) -> tuple[float, float, float]:
-    """p-value of ``statistic``, its value under the true labels, and its mean under the others.
+def relabelling_counts(columns: np.ndarray, margin: np.ndarray, threshold: float, labels: Labellings) -> np.ndarray:
+    """For each labelling, how many columns have |z| of Welch's t at or above ``threshold``; element 0 is the truth's count.
 
-    ``columns``: (batches, m) values, ours first; ``margin``: (m,) differences too small to count. ``statistic`` maps |z|,
-    (labellings, m), to one number each, greater for a greater difference.
+    ``columns``: (batches, m) values, ours first; ``margin``: (m,) differences too small to count. Stops early, with a shorter
+    array, when so many labellings count as much as the truth that the p-value can no longer be small.
     """
-    x = (columns - columns.mean(axis=0)).astype(np.float32)
-    # One power of two for each column keeps squares away from the ends of float32 without a rounding error.
-    scale = np.exp2(np.round(-np.log2(np.maximum(np.abs(x).max(axis=0), 1e-30))))
-    x = (x * scale).astype(np.float32)
-    limit = (margin * scale).astype(np.float32)
-    squares = x * x
-    total, total_squares = x.sum(axis=0), squares.sum(axis=0)
-    n, count, exceeding, others = len(labels.members), 1, 0, 0.0
-    observed = float(statistic(_abs_z(x, squares, total, total_squares, limit, labels.members[:1], labels.ours))[0])
-    chunk = max(1, min(256, 2_000_000 // max(1, x.shape[1])))
-    while count < n:
-        rows = labels.members[count : count + chunk]
-        values = statistic(_abs_z(x, squares, total, total_squares, limit, rows, labels.ours))
-        # Rounding must not make a labelling that ties with the truth look smaller.
-        exceeding += int((values >= observed - 1e-6 * abs(observed)).sum())
-        others += float(values.sum())
-        count += len(rows)
-        if exceeding >= _STOP_AFTER:
-            break
-    return (1 + exceeding) / count, observed, others / max(1, count - 1)
+    x = columns - columns.mean(axis=0, dtype=np.float64)
+    size = np.abs(x).max(axis=0)
+    kept = size > 0.0
+    x = (x[:, kept] / size[kept]).astype(np.float32)
+    limit = margin[kept] / size[kept]
+    squares = x.astype(np.float64) ** 2
+    total, total_squares = x.sum(axis=0, dtype=np.float64), squares.sum(axis=0)
+    screen = (x / (np.sqrt(total_squares) * _screening_bound(len(x), labels.ours, threshold))).astype(np.float32)
+    counts = np.zeros(len(labels.members), dtype=np.int64)
+    done, exceeding = 0, 0
+    while done < len(counts) and exceeding <= _STOP_AFTER:
+        rows = labels.members[done : done + (1 if done == 0 else max(1, min(256, 4_000_000 // max(1, x.shape[1]))))]
+        sums = rows @ screen
+        row, column = np.nonzero(np.abs(sums, out=sums) >= 1.0)
+        z = _abs_z(x, squares, total, total_squares, limit, rows.astype(bool), labels.ours, row, column)
+        counts[done : done + len(rows)] = np.bincount(row[z >= threshold], minlength=len(rows))
+        done += len(rows)
+        exceeding = int((counts[1:done] >= counts[0]).sum())
+    return counts[:done]
+
+
+def relabelling_pvalue(counts: np.ndarray) -> float:
+    """Share of labellings, the truth included, that count at least as many columns as the truth."""
+    return float((counts >= counts[0]).sum()) / len(counts)
+
+
+def _screening_bound(n: int, ours: int, threshold: float) -> float:
+    """The least |sum of ours| / root of the sum of squares, of a centred column, at which Welch's |z| can reach ``threshold``.
+
+    z grows with the degrees of freedom, which are n - 2 at most. Welch's squared standard error is at least the pooled one
+    over ``ratio``, reached when all the variance lies on one side; pooled t is a function of the sum alone.
+    """
+    reference = n - ours
+    df = n - 2.0
+    ratio = max(ours - 1, reference - 1) / df * n / min(ours, reference)
+    k = (8.0 * df + 1.0) / (8.0 * df + 3.0)
+    t2 = df * math.expm1(min((threshold / k) ** 2 / df, 700.0)) / ratio
+    return math.sqrt(ours * reference / n * t2 / (df + t2)) * (1.0 - 1e-4)
 
 
 def _abs_z(
     x: np.ndarray, squares: np.ndarray, total: np.ndarray, total_squares: np.ndarray, limit: np.ndarray,
-    rows: np.ndarray, ours: int,
+    rows: np.ndarray, ours: int, row: np.ndarray, column: np.ndarray,
 ) -> np.ndarray:
-    """|z| of Welch's t for each labelling and column, from group sums alone."""
+    """|z| of Welch's t for chosen (labelling, column) pairs, from the sums of one group."""
     reference = x.shape[0] - ours
-    sums, sums2 = rows @ x, rows @ squares
-    rest, rest2 = total - sums, total_squares - sums2
-    a = np.maximum((sums2 - sums * sums / ours) / (ours * (ours - 1.0)), 0.0)
-    b = np.maximum((rest2 - rest * rest / reference) / (reference * (reference - 1.0)), 0.0)
-    return welch_z(np.abs(sums / ours - rest / reference), a, b, ours, reference, limit)
+    result = np.empty(len(row))
+    for start in range(0, len(row), 1 << 17):
+        part = slice(start, start + (1 << 17))
+        c, members = column[part], rows[row[part]].T
+        sums = np.where(members, x[:, c], np.float32(0.0)).sum(axis=0, dtype=np.float64)
+        sums2 = np.where(members, squares[:, c], 0.0).sum(axis=0)
+        rest, rest2 = total[c] - sums, total_squares[c] - sums2
+        a = np.maximum((sums2 - sums * sums / ours) / (ours * (ours - 1.0)), 0.0)
+        b = np.maximum((rest2 - rest * rest / reference) / (reference * (reference - 1.0)), 0.0)
+        result[part] = welch_z(np.abs(sums / ours - rest / reference), a, b, ours, reference, limit[c])
+    return result
 
 
 def welch_z(

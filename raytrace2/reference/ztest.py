@@ -5,7 +5,8 @@ false-alarm rate (Bonferroni), and the renders are consistent when none is answe
 
 - *exact*: are there pixels on which neither side varies, but which differ?
 - *pixels*: is the share of pixels whose Welch t-test fails at p < 0.01 greater than chance explains?
-- *tiles*: does the mean of any window of 8, 16 or 32 pixels differ? Averaging finds a small bias that no pixel shows.
+- *tiles*: does the mean of any window of 8, 16 or 32 pixels (more in big images) differ? Averaging finds a small bias that
+  no pixel shows.
 - *mean*: does the mean of the whole image differ, in any channel or in luminance?
 
 The last three are judged by relabelling batches (:mod:`.relabel`), which needs no assumption about the noise.
@@ -19,12 +20,14 @@ import numpy as np
 import numpy.typing as npt
 
 from .metrics import LUMINANCE
-from .relabel import Labellings, distinct, labellings, relabelling_pvalue, welch_t, welch_z
+from .relabel import Labellings, distinct, labellings, relabelling_counts, relabelling_pvalue, welch_t, welch_z
 from .student import binomial_quantile, t_pvalue
 from .windows import Windows, window_means, windows
 
 FAILING_P = 0.01
+_FAILING_Z = 2.5758293035489004
 _WINDOW_SIZES = (8, 16, 32)
+_WINDOWS_AT_MOST = 12_000
 _PIXELS_RELABELLED = 1 << 15
 # Welch's approximation is off by a few per cent in the tail when one side is much noisier: a share of failing pixels
 # that exceeds chance by less than this factor is no evidence.
@@ -70,9 +73,6 @@ class NoiseTest:
     p: np.ndarray
     failing: np.ndarray
 
-    def __bool__(self) -> bool:
-        return self.consistent
-
 
 def ztest(
     ours: npt.ArrayLike, reference: npt.ArrayLike, *, false_alarm_rate: float = 1e-3, tolerance: float = 1e-4, seed: int = 0
@@ -111,7 +111,10 @@ def ztest(
     effective = judged / _correlation_inflation(batches[..., 3], na)
     bound = binomial_quantile(effective, min(1.0, _SHARE_SLACK * chance), each)
 
-    grid = windows(batches.shape[1:3], _WINDOW_SIZES)
+    enlarge = 1
+    while batches.shape[1] * batches.shape[2] / (4 * enlarge) ** 2 > _WINDOWS_AT_MOST:
+        enlarge *= 2
+    grid = windows(batches.shape[1:3], tuple(enlarge * size for size in _WINDOW_SIZES))
     tile_means = np.stack([window_means(batch, grid) for batch in batches])
     p_tiles, worst, worst_z = _tiles(tile_means, grid, na, tolerance, floor, labels)
     p_mean, mean_z, mean_difference = _mean(batches.mean(axis=(1, 2), dtype=np.float64), na, tolerance, labels)
@@ -189,14 +192,17 @@ def _exact(batches: np.ndarray, na: int, tolerance: float, floor: float) -> tupl
 
 
 def _relabel_pixels(luminance: np.ndarray, tolerance: float, floor: float, labels: Labellings) -> tuple[float, float]:
+    """p-value of the number of failing pixels, and the share that fails by chance. Big images are thinned out evenly."""
     columns = luminance.reshape(len(luminance), -1)
-    step = -(-columns.shape[1] // _PIXELS_RELABELLED)
-    columns = columns[:, ::step]
-    critical = 2.5758293035489004
-    p, _, chance = relabelling_pvalue(
-        columns, _margin(columns, tolerance, floor), lambda z: (z > critical).mean(axis=1), labels
-    )
-    return p, chance
+    columns = columns[:, :: -(-columns.shape[1] // _PIXELS_RELABELLED)]
+    counts = relabelling_counts(columns, _margin(columns, tolerance, floor), _FAILING_Z, labels)
+    return relabelling_pvalue(counts), float(counts[1:].mean()) / columns.shape[1]
+
+
+def _relabel_greatest(columns: np.ndarray, margin: np.ndarray, z: np.ndarray, labels: Labellings) -> float:
+    """p-value of the greatest |z| of all columns. Rounding must not make a labelling that ties with the truth look smaller."""
+    greatest = float(np.abs(z).max()) * (1.0 - 1e-6)
+    return 1.0 if greatest == 0.0 else relabelling_pvalue(relabelling_counts(columns, margin, greatest, labels))
 
 
 def _correlation_inflation(luminance: np.ndarray, na: int, reach: int = 4) -> float:
@@ -232,8 +238,9 @@ def _tiles(
 ) -> tuple[float, tuple[int, int, int, int], float]:
     columns = means.reshape(len(means), -1)
     margin = _margin(columns, tolerance, floor)
-    p, _, _ = relabelling_pvalue(columns, margin, lambda z: z.max(axis=1), labels)
-    z = _signed_z(columns, na, margin).reshape(means.shape[1:])
+    flat = _signed_z(columns, na, margin)
+    p = _relabel_greatest(columns, margin, flat, labels)
+    z = flat.reshape(means.shape[1:])
     window, channel = np.unravel_index(int(np.abs(z).argmax()), z.shape)
     worst = (int(grid.y0[window]), int(grid.x0[window]), int(grid.y1[window]), int(grid.x1[window]))
     return p, worst, float(z[window, channel])
@@ -243,8 +250,8 @@ def _mean(
     means: np.ndarray, na: int, tolerance: float, labels: Labellings
 ) -> tuple[float, tuple[float, float, float, float], tuple[float, float, float]]:
     margin = _margin(means, tolerance, 0.0)
-    p, _, _ = relabelling_pvalue(means, margin, lambda z: z.max(axis=1), labels)
     z = _signed_z(means, na, margin)
+    p = _relabel_greatest(means, margin, z, labels)
     theirs = means[na:].mean(axis=0)[:3]
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.where(theirs == 0.0, np.inf * means[:na].mean(axis=0)[:3], means[:na].mean(axis=0)[:3] / theirs - 1.0)
