@@ -7,14 +7,16 @@ the film divides by the sum of the weights.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
+import numpy as np
 
 from .errors import Problem, SceneError
 from .scene.description import ReconstructionFilter
+from .types import types_of
 
 # The polynomial of degree 9 in t whose *relative* error to exp(-t/2) is least on [0, 16] (4.04e-4; Remez exchange in
 # extended precision). Mitsuba evaluates its Gaussian so on CPUs: an exact exponential would differ by that much.
@@ -82,18 +84,27 @@ def _box(x: Any) -> Any:
 
 
 def _gaussian(stddev: float) -> Callable[[Any], Any]:
-    coefficients = [c / stddev ** (2 * i) for i, c in enumerate(_EXPONENTIAL)]
-    coefficients[0] -= _estrin((4 * stddev) ** 2, coefficients, lambda a, b, c: a * b + c)
-    return lambda x: dr.fmax(_estrin(dr.square(x), coefficients, dr.fma), 0)
+    # Less its value at the radius, found with the roundings that evaluation makes, which would leave a pedestal.
+    coefficients: dict[str, list[float]] = {}
+    for precision in (np.float32, np.float64):
+        deviation = float(precision(stddev))
+        rounded = [precision(c / deviation ** (2 * i)) for i, c in enumerate(_EXPONENTIAL)]
+        edge = _estrin(precision(4 * deviation) ** 2, rounded, _fma)
+        coefficients[precision.__name__] = [float(rounded[0] - edge), *(float(c) for c in rounded[1:])]
+    return lambda x: dr.fmax(_estrin(dr.square(x), coefficients[types_of(x).precision], dr.fma), 0)
 
 
-def _estrin(x: Any, coefficients: list[Any], fma: Callable[[Any, Any, Any], Any]) -> Any:
+def _fma(a: Any, b: Any, c: Any) -> Any:
+    """``a * b + c`` rounded once, for scalars of single precision; double precision does not need it."""
+    return type(a)(np.float64(a) * np.float64(b) + np.float64(c))
+
+
+def _estrin(x: Any, coefficients: Sequence[Any], fma: Callable[[Any, Any, Any], Any]) -> Any:
     """A polynomial by Estrin's scheme. Its terms cancel, so the order of the operations shows in single precision."""
     while len(coefficients) > 1:
         odd = coefficients[len(coefficients) & ~1 :]
-        coefficients = [
-            fma(x, high, low) for low, high in zip(coefficients[::2], coefficients[1::2], strict=False)
-        ] + odd
+        pairs = zip(coefficients[::2], coefficients[1::2], strict=False)
+        coefficients = [fma(x, high, low) for low, high in pairs] + list(odd)
         x = x * x
     return coefficients[0]
 

@@ -46,7 +46,7 @@ def perspective_axes(camera: PerspectiveCamera) -> np.ndarray:
 
 
 def checked_to_world(camera: Camera, rigid: bool) -> np.ndarray:
-    """``camera.to_world``, found to be finite, affine and, if ``rigid``, free of scale; the clip planes are checked too."""
+    """``camera.to_world``, found to be finite, affine and, if ``rigid``, free of scale; clip planes are checked too."""
     matrix = np.asarray(camera.to_world, dtype=np.float64)
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
         raise camera_error(camera, "to_world is not a finite 4x4 matrix", "correct its transform")

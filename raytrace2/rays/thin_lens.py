@@ -42,8 +42,8 @@ class ThinLens:
     def sample_ray(self, film_position: Any, aperture_sample: Any = None) -> Ray:
         """Rays of unit direction through ``film_position``: Array2f in [0, 1]^2 of the crop window, from the top left.
 
-        ``aperture_sample`` (Array2f in [0, 1)^2) chooses the point of the lens. Rays run from the near to the far plane.
-        Differentiable in both.
+        ``aperture_sample`` (Array2f in [0, 1)^2) chooses the point of the lens. Rays run from the near to the far
+        plane. Differentiable in both.
         """
         if aperture_sample is None:
             raise ValueError("a thin-lens camera needs aperture_sample, an Array2f in [0, 1)^2")

@@ -1,0 +1,234 @@
+"""The film: samples of any pass, filtered into an image."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from .errors import Problem, SceneError
+from .packets import load_packets, store_packets
+from .rays.wavefront import Wavefront
+from .reconstruction import make_filter
+from .scene.description import Film as FilmDescription
+from .types import Types
+
+# CIE 1931 luminance, and all of XYZ, of linear Rec. 709 primaries with a D65 white point.
+_LUMINANCE = (0.212671, 0.715160, 0.072169)
+_XYZ = ((0.412453, 0.357580, 0.180423), _LUMINANCE, (0.019334, 0.119193, 0.950227))
+
+
+class Film:
+    """Sums of filtered samples and of their weights over the crop window, kept from pass to pass in float64.
+
+    ``channels`` is the number of values a sample brings. Pixels are numbered along rows from the top left of the
+    *sampled region*: the crop window, enlarged by the filter's border where ``sample_border`` asks for that;
+    ``pixel_count`` is their number. Samples that are not finite are left out of the image and counted: see
+    :meth:`non_finite_samples`.
+    """
+
+    def __init__(self, desc: FilmDescription, types: Types, channels: int) -> None:
+        _check(desc, channels)
+        self.filter = make_filter(desc.rfilter)
+        self.types = types
+        self.channels = channels
+        self.width, self.height = desc.crop_width, desc.crop_height
+        self.pixel_format = desc.pixel_format
+        self.border = self.filter.border if desc.sample_border else 0
+        self.sampled_width, self.sampled_height = self.width + 2 * self.border, self.height + 2 * self.border
+        self.pixel_count = self.sampled_width * self.sampled_height
+        if self.width * self.height * (channels + 1) >= 2**32 or self.pixel_count >= 2**32:
+            raise _error(
+                f"a film of {self.width} x {self.height} x {channels} is too large", "render it in crop windows"
+            )
+        self._sum_type: Any = dr.float64_array_t(types.Float)
+        # Sizes are read from memory, so that kernels are reused from film to film.
+        self._columns, self._rows = dr.opaque(types.Int, self.width), dr.opaque(types.Int, self.height)
+        self._sampled_columns = dr.opaque(types.UInt, self.sampled_width)
+        self._sampled_rows = dr.opaque(types.UInt, self.sampled_height)
+        self._scale_x, self._scale_y = dr.opaque(types.Float, 1 / self.width), dr.opaque(types.Float, 1 / self.height)
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all samples."""
+        self._sums = dr.zeros(self._sum_type, self.width * self.height * (self.channels + 1))
+        self._bad = dr.zeros(self.types.UInt, self.pixel_count)
+
+    def position(self, pixel: Any, offset: Any) -> Any:
+        """What cameras take (Array2f, [0, 1]^2 over the crop window) for places within pixels.
+
+        ``pixel`` is a UInt below ``pixel_count``; ``offset`` an Array2f in [0, 1)^2 from the pixel's top left corner.
+        """
+        x, y = self._crop_pixel(pixel)
+        t = self.types
+        return t.Array2f((t.Float(x) + offset.x) * self._scale_x, (t.Float(y) + offset.y) * self._scale_y)
+
+    def add(self, where: Any, offset: Any, values: list[Any], active: Any = True) -> None:
+        """Add one sample a lane. Evaluates the sums, unless ``values`` carry derivatives.
+
+        ``where`` is the :class:`Wavefront` of the pass, or, for lanes in any other order, a UInt of pixels. With a
+        wavefront the sums do not vary from run to run; with pixels they may, in their last bits. ``offset`` (Array2f)
+        is the place of each sample in its pixel, ``values`` one Float a channel.
+        """
+        if len(values) != self.channels:
+            raise ValueError(f"this film has {self.channels} channels, not {len(values)}")
+        t = self.types
+        pixel = where.pixel_and_sample()[0] if isinstance(where, Wavefront) else t.UInt(where)
+        values = [t.Float(value) for value in values]
+        finite = t.Bool(True)
+        for value in values:
+            finite &= dr.isfinite(value)
+        dr.scatter_add(self._bad, t.UInt(1), pixel, ~finite & active)
+        active = finite & active
+        values = [dr.select(active, value, 0) for value in (*values, t.Float(1))]
+        if dr.grad_enabled(values) or not isinstance(where, Wavefront):
+            self._splat(pixel, offset, values, active)
+        elif self.filter.is_box:
+            self._sum_blocks(where, values)
+        else:
+            self._gather(where, offset, values)
+        if not dr.grad_enabled(self._sums):
+            dr.eval(self._sums, self._bad)
+
+    def develop(self) -> Any:
+        """The image so far, TensorXf (height, width, channels): filtered values over weights, 0 where no sample fell.
+
+        With the pixel formats luminance and xyz the first three channels are converted (three become one, or three).
+        """
+        t = self.types
+        stride = self.channels + 1
+        start = dr.arange(t.UInt, self.width * self.height) * stride
+        weight = dr.gather(self._sum_type, self._sums, start + self.channels)
+        weight = dr.select(weight == 0, 1, weight)
+        values = [dr.gather(self._sum_type, self._sums, start + i) / weight for i in range(self.channels)]
+        values = _convert(self.pixel_format, values)
+        image = dr.empty(t.Float, self.width * self.height * len(values))
+        target = dr.arange(t.UInt, self.width * self.height) * len(values)
+        for i, value in enumerate(values):
+            dr.scatter(image, t.Float(value), target + i)
+        return t.TensorXf(image, (self.height, self.width, len(values)))
+
+    def weights(self) -> Any:
+        """The sum of filter weights in each pixel, TensorXf (height, width, 1)."""
+        t = self.types
+        index = dr.arange(t.UInt, self.width * self.height) * (self.channels + 1) + self.channels
+        return t.TensorXf(t.Float(dr.gather(self._sum_type, self._sums, index)), (self.height, self.width, 1))
+
+    def non_finite_samples(self) -> int:
+        """How many samples so far had a NaN or an infinity in some channel and were left out."""
+        return int(np.array(self._bad).sum(dtype=np.uint64))
+
+    def _crop_pixel(self, pixel: Any) -> tuple[Any, Any]:
+        """Column and row (Int) of ``pixel`` in the crop window, negative in the border."""
+        Int = self.types.Int
+        y = pixel // self._sampled_columns
+        x = pixel - y * self._sampled_columns
+        return Int(x) - self.border, Int(y) - self.border
+
+    def _inside(self, x: Any, y: Any) -> Any:
+        return (x >= 0) & (x < self._columns) & (y >= 0) & (y < self._rows)
+
+    def _splat(self, pixel: Any, offset: Any, values: list[Any], active: Any) -> None:
+        """Every sample adds to all pixels that its filter reaches."""
+        t = self.types
+        taps = self.filter.taps
+        column, row = self._crop_pixel(pixel)
+        weights_x, weights_y = (self._tap_weights(place) for place in (offset.x, offset.y))
+        sums = dr.zeros(self._sum_type, self.width * self.height * len(values))
+        for j in range(2 * taps + 1):
+            for i in range(2 * taps + 1):
+                x, y = column + (i - taps), row + (j - taps)
+                inside = active & self._inside(x, y)
+                index = t.UInt(y * self._columns + x) * len(values)
+                weight = weights_x[i] * weights_y[j]
+                for channel, value in enumerate(values):
+                    dr.scatter_add(sums, self._sum_type(value * weight), index + channel, inside)
+        self._sums = self._sums + sums
+
+    def _tap_weights(self, place: Any) -> list[Any]:
+        if self.filter.is_box:
+            return [self.types.Float(1)]
+        taps = self.filter.taps
+        return [self.filter.eval((k - taps + 0.5) - place) for k in range(2 * taps + 1)]
+
+    def _sum_blocks(self, wavefront: Wavefront, values: list[Any]) -> None:
+        """The box filter: every pixel sums its own block of lanes, in a fixed order."""
+        t = self.types
+        sums = [self._sum_type(value) + dr.zeros(self._sum_type, wavefront.size) for value in values]
+        dr.eval(sums)
+        sums = [dr.block_sum(value, wavefront.samples, mode="evaluated") for value in sums]
+        pixel = dr.arange(t.UInt, wavefront.pixels) + dr.opaque(t.UInt, wavefront.first_pixel)
+        x, y = self._crop_pixel(pixel)
+        self._accumulate(t.UInt(y * self._columns + x), sums, self._inside(x, y))
+
+    def _gather(self, wavefront: Wavefront, offset: Any, values: list[Any]) -> None:
+        """Every pixel sums, in a fixed order, the samples that reach it."""
+        t = self.types
+        taps = self.filter.taps
+        packets = store_packets(t, [offset.x, offset.y, *values], wavefront.size)
+        rows = (wavefront.first_pixel, wavefront.first_pixel + wavefront.pixels - 1)
+        low, high = (pixel // self.sampled_width - self.border for pixel in rows)
+        low, high = max(low - taps, 0), min(high + taps, self.height - 1)
+        if low > high:
+            return
+        target = dr.arange(t.UInt, (high - low + 1) * self.width) + dr.opaque(t.UInt, low * self.width)
+        target_y = target // t.UInt(self._columns)
+        x = t.Int(target - target_y * t.UInt(self._columns)) + self.border
+        y = t.Int(target_y) + self.border
+        first, pixels = dr.opaque(t.UInt, wavefront.first_pixel), dr.opaque(t.UInt, wavefront.pixels)
+        samples = dr.opaque(t.UInt, wavefront.samples)
+
+        def body(dx: Any, dy: Any, sample: Any, sums: list[Any]) -> tuple[Any, Any, Any, list[Any]]:
+            # Unsigned comparisons refuse what lies left of, or above, the first pixel too.
+            column, row = t.UInt(x + dx), t.UInt(y + dy)
+            pixel = row * self._sampled_columns + column - first
+            present = (column < self._sampled_columns) & (row < self._sampled_rows) & (pixel < pixels)
+            place_x, place_y, *stored = load_packets(t, packets, 2 + len(values), pixel * samples + sample, present)
+            weight = self.filter.eval(0.5 - place_x - t.Float(dx)) * self.filter.eval(0.5 - place_y - t.Float(dy))
+            # Lanes that hold no sample read zeros.
+            sums = [total + self._sum_type(value * weight) for value, total in zip(stored, sums, strict=True)]
+            sample = sample + 1
+            column_done = sample == samples
+            row_done = column_done & (dx == taps)
+            dx = dr.select(row_done, -taps, dr.select(column_done, dx + 1, dx))
+            return dx, dr.select(row_done, dy + 1, dy), dr.select(column_done, 0, sample), sums
+
+        n = dr.width(target)
+        start = dr.full(t.Int, -taps, n)
+        state = (start, start, dr.zeros(t.UInt, n), [dr.zeros(self._sum_type, n) for _ in values])
+        *_, sums = dr.while_loop(state, lambda dx, dy, sample, sums: dy <= taps, body)
+        self._accumulate(target, sums)
+
+    def _accumulate(self, pixel: Any, sums: list[Any], active: Any = True) -> None:
+        """Add to distinct pixels of the crop window."""
+        start = pixel * len(sums)
+        totals = [dr.gather(self._sum_type, self._sums, start + i, active) + value for i, value in enumerate(sums)]
+        for i, total in enumerate(totals):
+            dr.scatter(self._sums, total, start + i, active)
+
+
+def _convert(pixel_format: str, values: list[Any]) -> list[Any]:
+    """``values`` with the first three, red, green and blue, in the colour space of ``pixel_format``."""
+    matrix = {"luminance": (_LUMINANCE,), "xyz": _XYZ}.get(pixel_format.removesuffix("_alpha").removesuffix("a"))
+    if matrix is None or len(values) < 3:
+        return values
+    red, green, blue, *rest = values
+    return [r * red + g * green + b * blue for r, g, b in matrix] + rest
+
+
+def _check(desc: FilmDescription, channels: int) -> None:
+    if channels < 1:
+        raise ValueError(f"a film needs at least one channel, not {channels}")
+    if min(desc.width, desc.height, desc.crop_width, desc.crop_height) < 1:
+        raise _error("the film or its crop window has no pixels", "give it a width and height of at least 1")
+    if (
+        min(desc.crop_offset_x, desc.crop_offset_y) < 0
+        or desc.crop_offset_x + desc.crop_width > desc.width
+        or desc.crop_offset_y + desc.crop_height > desc.height
+    ):
+        raise _error("the crop window reaches outside the film", "keep it within width and height")
+
+
+def _error(message: str, remedy: str) -> SceneError:
+    return SceneError([Problem(f"film: {message}", remedy=remedy)])
