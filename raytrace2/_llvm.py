@@ -4,9 +4,9 @@ In order of preference: the user's own ``DRJIT_LIBLLVM_PATH``; the library in th
 ``pip install raytrace2`` brings along on Linux x86_64; the newest usable one that the system has. Dr.Jit itself then
 says what it bound. That costs no second loading of a library: two libLLVMs in one process clash.
 
-LLVM 14 has no opaque pointers, and Dr.Jit refuses it; under LLVM 15 and 16 ``dr.minimum``, ``dr.maximum`` and ``dr.clip``
-abort the process ("Cannot select: fminimum"); 17 to 23 work. With no library at all Dr.Jit dies by SIGFPE as soon as an
-array is made, so what is wrong is raised here, as an exception.
+LLVM 14 has no opaque pointers, and Dr.Jit refuses it; under LLVM 15 and 16 ``dr.minimum``, ``dr.maximum`` and
+``dr.clip`` abort the process ("Cannot select: fminimum"); 17 to 23 work. With no library at all Dr.Jit dies by SIGFPE
+as soon as an array is made, so what is wrong is raised here, as an exception.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ class Llvm:
 def settle() -> None:
     """Choose a libLLVM and make sure that Dr.Jit can use it; to be called before anything else imports drjit.
 
-    Raises :class:`~raytrace2.errors.EnvironmentProblem` if there is none or one too old. Inside the ``raytrace2`` command
-    that is left to :func:`require`, so that the command can say it in one line and ``raytrace2 doctor`` can still run.
+    Raises :class:`~raytrace2.errors.EnvironmentProblem` if there is none or one too old. Inside the ``raytrace2``
+    command that is left to :func:`require`, so that the command can say it in one line and ``doctor`` can still run.
     """
     if "drjit" not in sys.modules:
         choose()
@@ -77,8 +77,8 @@ def choose() -> None:
 def require() -> Llvm:
     """What Dr.Jit is bound to; :class:`~raytrace2.errors.EnvironmentProblem` if it is nothing, or one that aborts."""
     chosen = os.environ.get(VARIABLE, "")
-    if "drjit" not in sys.modules and os.sep in chosen and not os.path.isfile(chosen):
-        raise EnvironmentProblem(f"{VARIABLE} names {chosen}, which is not a file ({_remedy(chosen)})")
+    if "drjit" not in sys.modules and chosen:
+        _check_file(chosen)
     import drjit as dr
 
     if not dr.has_backend(dr.JitBackend.LLVM):
@@ -87,10 +87,7 @@ def require() -> Llvm:
     version = dr.detail.llvm_version()
     file = _loaded_file() or chosen or None
     if version[0] < OLDEST:
-        raise EnvironmentProblem(
-            f"LLVM {'.'.join(map(str, version))} ({file or 'the system library'}) aborts the process on common "
-            f"operations; LLVM {OLDEST} or newer is needed ({_remedy(chosen)})"
-        )
+        raise _too_old(version, file or "the system's library", chosen)
     return Llvm(version, file, _source(file, chosen))
 
 
@@ -114,11 +111,34 @@ def system_libraries() -> Iterator[Path]:
     for pattern in _SYSTEM_PATTERNS.get(sys.platform, ()):
         for name in glob(pattern):
             path = Path(name).resolve()
-            stated = re.search(r"libLLVM(?:-|\.so\.)(\d+(?:\.\d+)*)", path.name) or re.search(r"/(\d+(?:\.\d+)+)/", str(path))
-            if stated and path.is_file():
-                found[path] = tuple(int(part) for part in stated[1].split("."))
+            version = _stated_version(path)
+            if version and path.is_file():
+                found[path] = version
     usable = [path for path, version in found.items() if version[0] >= OLDEST]
     yield from sorted(usable, key=lambda path: (found[path], str(path)), reverse=True)
+
+
+def _check_file(chosen: str) -> None:
+    """Refuse what can be told from the file alone, so that Dr.Jit never has to start and stop with it."""
+    path = Path(chosen).resolve()
+    if os.sep in chosen and not path.is_file():
+        raise EnvironmentProblem(f"{VARIABLE} names {chosen}, which is not a file ({_remedy(chosen)})")
+    stated = _stated_version(path)
+    if stated and stated[0] < OLDEST:
+        raise _too_old(stated, chosen, chosen)
+
+
+def _stated_version(path: Path) -> tuple[int, ...] | None:
+    """The version in a library's file name or, for those of Homebrew, in the name of its folder."""
+    stated = re.search(r"libLLVM(?:-|\.so\.)(\d+(?:\.\d+)*)", path.name) or re.search(r"/(\d+(?:\.\d+)+)/", str(path))
+    return tuple(int(part) for part in stated[1].split(".")) if stated else None
+
+
+def _too_old(version: tuple[int, ...], file: str, chosen: str) -> EnvironmentProblem:
+    return EnvironmentProblem(
+        f"LLVM {'.'.join(map(str, version))} ({file}) aborts the process on common operations; "
+        f"LLVM {OLDEST} or newer is needed ({_remedy(chosen)})"
+    )
 
 
 def _load_neighbours(library: Path) -> None:
