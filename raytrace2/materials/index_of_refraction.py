@@ -9,6 +9,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from ..buffers import owned
 from ..scene.description import DielectricBsdf, ThinDielectricBsdf
 from ..types import Types
 
@@ -24,7 +25,7 @@ class RelativeIndices:
                 )
         values = np.array([b.int_ior / b.ext_ior for b in bsdfs], dtype=types.numpy)
         self._single = bool((values == values[0]).all())
-        self._values = types.Float(values[:1] if self._single else values)
+        self._values = owned(values[:1] if self._single else values, types.Float)
 
     def eval(self, place: Any, active: Any) -> Any:
         """The relative index (Float) at ``place``; 1 in inactive lanes."""

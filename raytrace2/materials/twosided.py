@@ -9,6 +9,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from ..buffers import owned
 from ..scene.description import Bsdf, MaskBsdf, TwoSidedBsdf
 from ..types import Types
 
@@ -57,11 +58,11 @@ class Sides:
         second = [front if back is None else back for front, back in leaves]
         pairs = np.array([first, second], dtype=np.uint32)
         if not self._any:
-            self._records = types.UInt(pairs[0])
+            self._records = owned(pairs[0], types.UInt)
         elif self._count == 1:
-            self._records = types.UInt(pairs[0]), types.UInt(pairs[1])
+            self._records = owned(pairs[0], types.UInt), owned(pairs[1], types.UInt)
         else:
-            self._records = types.UInt(np.ascontiguousarray(pairs.T).ravel())
+            self._records = owned(pairs.T, types.UInt)
 
     def meet(self, material: Any, wi: Any, active: Any) -> Side:
         """The side of ``material`` that a ray from ``wi`` meets."""

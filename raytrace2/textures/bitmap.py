@@ -9,6 +9,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from ..buffers import owned
 from ..scene.description import BitmapTexture
 from ..types import Types
 from . import lookup
@@ -58,9 +59,9 @@ class Bitmaps:
         flags = np.array(modes) | np.array(filters) << 2 | np.array(srgb, dtype=np.int64) << 3
         records = np.column_stack([self.texels.offsets, sizes, flags]).astype(np.uint32)
         if self._count == 1:
-            self._record: Any = [types.UInt(records[0, i : i + 1]) for i in range(4)]
+            self._record: Any = [owned(field, types.UInt) for field in records[0]]
         else:
-            self._record = types.UInt(records.ravel())
+            self._record = owned(records, types.UInt)
 
     def eval(self, place: Any, uv: Any, active: Any) -> Any:
         """The filtered texture at ``uv`` of the surface: Array3f, or Float where there is one channel."""

@@ -8,6 +8,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from ..buffers import owned
 from ..types import Types
 from .uv_transform import UvTransforms
 
@@ -19,8 +20,8 @@ class Checkerboards:
         handles = np.ascontiguousarray(handles, dtype=np.uint32)
         self._types = types
         self._to_uv = UvTransforms(to_uv, types)
-        self._single = [types.UInt(handles[0, i : i + 1]) for i in range(2)] if len(handles) == 1 else None
-        self._handles = None if self._single else types.UInt(handles.ravel())
+        self._single = [owned(handles[0, i], types.UInt) for i in range(2)] if len(handles) == 1 else None
+        self._handles = None if self._single else owned(handles, types.UInt)
 
     def choose(self, place: Any, uv: Any, swapped: bool, active: Any) -> Any:
         """The handle (UInt) of the texture that shows at ``uv``; ``swapped`` exchanges the two."""

@@ -8,6 +8,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from ..buffers import owned
 from ..types import Types
 
 
@@ -20,10 +21,10 @@ class Constants:
             raise ValueError("a constant texture has a colour that is not a finite number")
         self._types = types
         if len(values) == 1:
-            self._single = types.Array3f(*(types.Float(values[0, c : c + 1]) for c in range(3)))
+            self._single = types.Array3f(*(owned(values[0, c], types.Float) for c in range(3)))
         else:
             self._single = None
-            self._values = types.Float(np.pad(values, ((0, 0), (0, 1))).ravel())
+            self._values = owned(np.pad(values, ((0, 0), (0, 1))), types.Float)
 
     def eval(self, place: Any, active: Any) -> Any:
         """The colour (Array3f) at ``place``."""

@@ -8,6 +8,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from ..buffers import owned
 from ..scene.description import MeshAttributeTexture, MeshShape
 from ..types import Types
 
@@ -41,14 +42,14 @@ class MeshAttributes:
         if size >= 2**30:
             raise ValueError(f"{size} mesh attribute values are more than the {2**30} that a table holds")
         values = np.concatenate(blocks) if blocks else np.zeros((1, 4))
-        self._values = types.Float(np.ascontiguousarray(values, dtype=types.numpy).ravel())
-        self._offsets = types.UInt(offsets.ravel())
+        self._values = owned(values.astype(types.numpy), types.Float)
+        self._offsets = owned(offsets, types.UInt)
         rows = np.array([names.index(t.name) * offsets.shape[1] for t in textures], dtype=np.uint32)
         scales = np.array([t.scale for t in textures], dtype=types.numpy)
         self._unscaled = bool((scales == 1).all())
         self._single = len(textures) == 1
-        self._rows = types.UInt(rows)
-        self._scales = types.Float(scales)
+        self._rows = owned(rows, types.UInt)
+        self._scales = owned(scales, types.Float)
 
     def eval(self, place: Any, si: Any, active: Any) -> Any:
         """The attribute (Array3f; one channel is repeated) interpolated over the face that ``si`` lies on."""

@@ -8,6 +8,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from ..buffers import owned
 from ..scene.description import ConstantTexture, Texture
 from .table import TextureTable
 
@@ -29,7 +30,7 @@ class TextureParameter:
         self.always_one = not present
         self._some_absent = len(present) < len(indices)
         self._single = len(set(indices)) == 1
-        self._indices = table.types.UInt(np.array(indices[:1] if self._single else indices, dtype=np.uint32))
+        self._indices = owned(np.array(indices[:1] if self._single else indices, dtype=np.uint32), table.types.UInt)
 
     def eval(self, place: Any, si: Any, active: Any = True) -> Any:
         """The colour (Array3f) for thing ``place`` (UInt) at ``si``."""

@@ -8,6 +8,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from ..buffers import owned
 from ..types import Types
 from .color import srgb_byte_to_linear
 
@@ -35,15 +36,14 @@ class Texels:
         flat = np.concatenate([image.reshape(-1, self.channels) for image in images])
         padded = np.pad(flat, ((0, 0), (0, 1))) if self.channels == 3 else flat
         if self._bytes and self.channels == 3:
-            self._buffer: Any = types.UInt(padded.view("<u4").ravel().astype(np.uint32))
+            padded, scalar = padded.view("<u4").astype(np.uint32), types.UInt
         elif self._bytes:
-            bytes_type: Any = dr.uint8_array_t(types.Float)
-            self._buffer = bytes_type(padded.ravel())
+            scalar = dr.uint8_array_t(types.Float)
         elif images[0].dtype == np.float16:
-            half_type: Any = dr.float16_array_t(types.Float)
-            self._buffer = half_type(padded.ravel())
+            scalar = dr.float16_array_t(types.Float)
         else:
-            self._buffer = types.Float(padded.ravel().astype(types.numpy))
+            padded, scalar = padded.astype(types.numpy), types.Float
+        self._buffer = owned(padded, scalar)
 
     def fetch(self, index: Any, srgb: Any, active: Any) -> Any:
         """The texel ``index`` (counted over all images), linear: Array3f, or Float where there is one channel.

@@ -8,6 +8,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from ..buffers import owned
 from ..types import Types
 
 
@@ -27,9 +28,9 @@ class UvTransforms:
         if self.identity:
             return
         if self.uniform:
-            self._rows = [types.Float(rows[0].ravel()[i : i + 1]) for i in range(6)]
+            self._rows = [owned(entry, types.Float) for entry in rows[0].ravel()]
         else:
-            self._rows = types.Float(np.pad(rows, ((0, 0), (0, 0), (0, 1))).ravel())
+            self._rows = owned(np.pad(rows, ((0, 0), (0, 0), (0, 1))), types.Float)
 
     def apply(self, place: Any, uv: Any, active: Any) -> Any:
         """The texture's coordinates (Array2f) of ``uv`` for the texture at ``place``."""
