@@ -35,12 +35,13 @@ def fresnel_dielectric(cos_theta_i: Any, eta: Any) -> Interface:
     behind = dr.select(outside, inverse, eta)
     cos_i = dr.abs(cos_theta_i)
     sin2_i = dr.fma(-cos_i, cos_i, 1)
-    cos_t = dr.safe_sqrt(dr.fma(-sin2_i, behind * behind, 1))
-    s = _quotient(dr.fma(-ahead, cos_t, cos_i), dr.fma(ahead, cos_t, cos_i))
-    p = _quotient(dr.fma(-ahead, cos_i, cos_t), dr.fma(ahead, cos_i, cos_t))
-    reflectance = 0.5 * (s * s + p * p)
-    # Grazing and index-matched at once is 0 / 0: the interface is not there, so matching wins.
-    reflectance = dr.select(eta == 1, 0, dr.select(cos_i == 0, 1, reflectance))
+    cos2_t = dr.fma(-sin2_i, behind * behind, 1)
+    total = cos2_t <= 0
+    cos_t = dr.safe_sqrt(cos2_t)
+    s = _quotient(dr.fma(-ahead, cos_t, cos_i), dr.fma(ahead, cos_t, cos_i), total)
+    p = _quotient(dr.fma(-ahead, cos_i, cos_t), dr.fma(ahead, cos_i, cos_t), total)
+    # Grazing and index-matched at once looks like total reflection, but there is no interface: matching wins.
+    reflectance = dr.select(eta == 1, 0, dr.select(total, 1, 0.5 * (s * s + p * p)))
     return Interface(reflectance, dr.select(outside, -cos_t, cos_t), ahead, behind)
 
 
@@ -56,11 +57,13 @@ def fresnel_conductor(cos_theta_i: Any, eta: Any, k: Any) -> Any:
     modulus = dr.safe_sqrt(difference * difference + 4 * (eta * eta) * (k * k))
     a = dr.safe_sqrt(0.5 * (modulus + difference))
     twice = 2 * cos_theta_i * a
-    s = _quotient(modulus + cos2 - twice, modulus + cos2 + twice)
-    p = s * _quotient(modulus * cos2 + sin2 * sin2 - twice * sin2, modulus * cos2 + sin2 * sin2 + twice * sin2)
+    denominator = modulus + cos2 + twice
+    s = _quotient(modulus + cos2 - twice, denominator, denominator == 0)
+    denominator = modulus * cos2 + sin2 * sin2 + twice * sin2
+    p = s * _quotient(modulus * cos2 + sin2 * sin2 - twice * sin2, denominator, denominator == 0)
     return 0.5 * (s + p)
 
 
-def _quotient(numerator: Any, denominator: Any) -> Any:
-    # Both vanish together, in cases that the callers treat apart; their derivatives must stay finite even so.
-    return numerator / dr.select(denominator == 0, 1, denominator)
+def _quotient(numerator: Any, denominator: Any, apart: Any) -> Any:
+    # Where ``apart``, the quotient is not used; its derivative must stay finite even so.
+    return numerator / dr.select(apart, 1, denominator)

@@ -31,7 +31,7 @@ def test_dielectric_reflectance(precision: str, eta: float) -> None:
     assert (np.array(f.cos_theta_t) * cosines <= 0).all()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(st.floats(-1, 1, width=32), st.floats(2.0**-10, 2.0**10, width=32))
 def test_dielectric_at_the_extremes(cos_i: float, eta: float) -> None:
     t = types("float32")
