@@ -185,7 +185,7 @@ def _remedy(chosen: str) -> str:
     wheel = wheel_library()
     if wheel and not chosen:
         return "import raytrace2 before drjit or mitsuba"
-    if wheel and Path(chosen).resolve() != wheel:
+    if wheel and chosen != str(wheel):
         return f"unset {VARIABLE}"
     if wheel:
         return f"pip install --force-reinstall --no-deps {WHEEL}, or import raytrace2 before drjit or mitsuba"

@@ -97,12 +97,7 @@ def _processor() -> list[tuple[str, str]]:
 
     known = _dr_jit_target()
     features = [name for name in ("avx512f", "avx2", "fma", "avx", "sse4.2", "neon") if f"+{name}" in known.features]
-    lines = [
-        (
-            "processor",
-            f"{known.cpu or platform.processor() or platform.machine()}, {', '.join(features) or 'no'} vectors",
-        )
-    ]
+    lines = [("processor", ", ".join([known.cpu or platform.machine(), *features]))]
     if known.width > 0:
         lines.append(("vector width", f"{known.width} float32 lanes"))
     lines.append(("threads", f"{dr.thread_count()} of {os.cpu_count()} processors"))
