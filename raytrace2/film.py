@@ -13,6 +13,7 @@ from .rays.wavefront import Wavefront
 from .reconstruction import make_filter
 from .scene.description import Film as FilmDescription
 from .types import Types
+from .types import types as make_types
 
 # CIE 1931 luminance, and all of XYZ, of linear Rec. 709 primaries with a D65 white point.
 _LUMINANCE = (0.212671, 0.715160, 0.072169)
@@ -42,7 +43,8 @@ class Film:
             raise _error(
                 f"a film of {self.width} x {self.height} x {channels} is too large", "render it in crop windows"
             )
-        self._sum_type: Any = dr.float64_array_t(types.Float)
+        self._sum_types = make_types("float64")
+        self._sum_type: Any = self._sum_types.Float
         # Sizes are read from memory, so that kernels are reused from film to film.
         self._columns, self._rows = dr.opaque(types.Int, self.width), dr.opaque(types.Int, self.height)
         self._sampled_columns = dr.opaque(types.UInt, self.sampled_width)
@@ -67,14 +69,21 @@ class Film:
     def add(self, where: Any, offset: Any, values: list[Any], active: Any = True) -> None:
         """Add one sample a lane. Evaluates the sums, unless ``values`` carry derivatives.
 
-        ``where`` is the :class:`Wavefront` of the pass, or, for lanes in any other order, a UInt of pixels. With a
-        wavefront the sums do not vary from run to run; with pixels they may, in their last bits. ``offset`` (Array2f)
-        is the place of each sample in its pixel, ``values`` one Float a channel.
+        ``where`` is the :class:`Wavefront` of the pass, or, for lanes in any other order, a UInt of pixels, where
+        those that are not below ``pixel_count`` count for nothing. With a wavefront the sums do not vary from run to
+        run; with pixels they may, in their last bits. ``offset`` (Array2f) is the place of each sample in its pixel,
+        ``values`` one Float a channel. ``ValueError`` for a wavefront, or values, that this film has no room for.
         """
         if len(values) != self.channels:
             raise ValueError(f"this film has {self.channels} channels, not {len(values)}")
         t = self.types
-        pixel = where.pixel_and_sample()[0] if isinstance(where, Wavefront) else t.UInt(where)
+        if isinstance(where, Wavefront):
+            if where.first_pixel + where.pixels > self.pixel_count:
+                raise ValueError(f"this film has {self.pixel_count} pixels: too few for {where}")
+            pixel = where.pixel_and_sample()[0]
+        else:
+            pixel = t.UInt(where)
+            active = (pixel < dr.opaque(t.UInt, self.pixel_count)) & active
         values = [t.Float(value) for value in values]
         finite = t.Bool(True)
         for value in values:
@@ -163,42 +172,72 @@ class Film:
         self._accumulate(t.UInt(y * self._columns + x), sums, self._inside(x, y))
 
     def _gather(self, wavefront: Wavefront, offset: Any, values: list[Any]) -> None:
-        """Every pixel sums, in a fixed order, the samples that reach it."""
+        """Every pixel sums, in a fixed order, the samples that reach it: along columns, then along rows."""
         t = self.types
         taps = self.filter.taps
-        packets = store_packets(t, [offset.x, offset.y, *values], wavefront.size)
+        places = store_packets(t, [offset.x, offset.y], wavefront.size)
+        # Four values at a time: more sums than that do not stay in registers.
+        groups = [values[i : i + 4] for i in range(0, len(values), 4)]
+        stored = [store_packets(t, group, wavefront.size) for group in groups]
         rows = (wavefront.first_pixel, wavefront.first_pixel + wavefront.pixels - 1)
         low, high = (pixel // self.sampled_width - self.border for pixel in rows)
         low, high = max(low - taps, 0), min(high + taps, self.height - 1)
         if low > high:
             return
         target = dr.arange(t.UInt, (high - low + 1) * self.width) + dr.opaque(t.UInt, low * self.width)
-        target_y = target // t.UInt(self._columns)
-        x = t.Int(target - target_y * t.UInt(self._columns)) + self.border
-        y = t.Int(target_y) + self.border
+        row = target // t.UInt(self._columns)
+        column = t.Int(target - row * t.UInt(self._columns)) + self.border
+        row = row - dr.opaque(t.UInt, low)
+        sums = []
+        for group, packets in zip(groups, stored, strict=True):
+            by_tap = self._gather_columns(wavefront, low, high, places, packets, len(group))
+            totals = [dr.zeros(self._sum_type, dr.width(target)) for _ in group]
+            for i, buffers in enumerate(by_tap):
+                # Unsigned, so that what lies left of the first column is refused too.
+                source = t.UInt(column + (taps - i))
+                present = source < self._sampled_columns
+                part = load_packets(self._sum_types, buffers, len(group), row * self._sampled_columns + source, present)
+                totals = [total + value for total, value in zip(totals, part, strict=True)]
+            sums += totals
+        self._accumulate(target, sums)
+
+    def _gather_columns(
+        self, wavefront: Wavefront, low: int, high: int, places: list[Any], packets: list[Any], fields: int
+    ) -> list[list[Any]]:
+        """Per horizontal tap, packets of what each sampled column brings to each row from ``low`` to ``high``."""
+        t = self.types
+        taps = self.filter.taps
+        count = (high - low + 1) * self.sampled_width
+        lane = dr.arange(t.UInt, count)
+        row = lane // self._sampled_columns
+        column = lane - row * self._sampled_columns
+        y = t.Int(row) + dr.opaque(t.Int, low + self.border)
         first, pixels = dr.opaque(t.UInt, wavefront.first_pixel), dr.opaque(t.UInt, wavefront.pixels)
         samples = dr.opaque(t.UInt, wavefront.samples)
 
-        def body(dx: Any, dy: Any, sample: Any, sums: list[Any]) -> tuple[Any, Any, Any, list[Any]]:
-            # Unsigned comparisons refuse what lies left of, or above, the first pixel too.
-            column, row = t.UInt(x + dx), t.UInt(y + dy)
-            pixel = row * self._sampled_columns + column - first
-            present = (column < self._sampled_columns) & (row < self._sampled_rows) & (pixel < pixels)
-            place_x, place_y, *stored = load_packets(t, packets, 2 + len(values), pixel * samples + sample, present)
-            weight = self.filter.eval(0.5 - place_x - t.Float(dx)) * self.filter.eval(0.5 - place_y - t.Float(dy))
+        def body(dy: Any, sample: Any, sums: list[list[Any]]) -> tuple[Any, Any, list[list[Any]]]:
+            # Unsigned comparisons refuse what lies before the first row, or the first pixel, too.
+            source = t.UInt(y + dy)
+            pixel = source * self._sampled_columns + column - first
+            present = (source < self._sampled_rows) & (pixel < pixels)
+            index = pixel * samples + sample
+            place_x, place_y = load_packets(t, places, 2, index, present)
             # Lanes that hold no sample read zeros.
-            sums = [total + self._sum_type(value * weight) for value, total in zip(stored, sums, strict=True)]
+            values = load_packets(t, packets, fields, index, present)
+            weight_y = self.filter.eval(0.5 - place_y - t.Float(dy))
+            weights = [weight * weight_y for weight in self._tap_weights(place_x)]
+            sums = [
+                [total + self._sum_type(value * weight) for total, value in zip(tap, values, strict=True)]
+                for tap, weight in zip(sums, weights, strict=True)
+            ]
             sample = sample + 1
-            column_done = sample == samples
-            row_done = column_done & (dx == taps)
-            dx = dr.select(row_done, -taps, dr.select(column_done, dx + 1, dx))
-            return dx, dr.select(row_done, dy + 1, dy), dr.select(column_done, 0, sample), sums
+            done = sample == samples
+            return dr.select(done, dy + 1, dy), dr.select(done, 0, sample), sums
 
-        n = dr.width(target)
-        start = dr.full(t.Int, -taps, n)
-        state = (start, start, dr.zeros(t.UInt, n), [dr.zeros(self._sum_type, n) for _ in values])
-        *_, sums = dr.while_loop(state, lambda dx, dy, sample, sums: dy <= taps, body)
-        self._accumulate(target, sums)
+        start = [[dr.zeros(self._sum_type, count) for _ in range(fields)] for _ in range(2 * taps + 1)]
+        state = (dr.full(t.Int, -taps, count), dr.zeros(t.UInt, count), start)
+        *_, sums = dr.while_loop(state, lambda dy, sample, sums: dy <= taps, body)
+        return [store_packets(self._sum_types, tap, count) for tap in sums]
 
     def _accumulate(self, pixel: Any, sums: list[Any], active: Any = True) -> None:
         """Add to distinct pixels of the crop window."""

@@ -10,7 +10,7 @@ from .types import Types
 
 
 def store_packets(types: Types, values: list[Any], count: int) -> list[Any]:
-    """Evaluated buffers that hold ``values`` (Floats of width ``count`` or 1), record after record."""
+    """Buffers, being evaluated, that hold ``values`` (Floats of width ``count`` or 1), record after record."""
     if count * 4 >= 2**32:
         raise ValueError(f"{count} records are too many for one buffer")
     lane = dr.arange(types.UInt, count)
