@@ -26,6 +26,7 @@ class Types:
     Array2f: Any
     Array3f: Any
     Array4f: Any
+    ArrayXf: Any
     Matrix3f: Any
     Matrix4f: Any
     TensorXf: Any
@@ -43,11 +44,11 @@ class Types:
 
 
 _FLOAT32 = Types(
-    "float32", ad.Float32, ad.Array2f, ad.Array3f, ad.Array4f, ad.Matrix3f, ad.Matrix4f, ad.TensorXf,
+    "float32", ad.Float32, ad.Array2f, ad.Array3f, ad.Array4f, ad.ArrayXf, ad.Matrix3f, ad.Matrix4f, ad.TensorXf,
     "float32", 2.0**-24, 3.4028234663852886e38,
 )
 _FLOAT64 = Types(
-    "float64", ad.Float64, ad.Array2f64, ad.Array3f64, ad.Array4f64, ad.Matrix3f64, ad.Matrix4f64, ad.TensorXf64,
+    "float64", ad.Float64, ad.Array2f64, ad.Array3f64, ad.Array4f64, ad.ArrayXf64, ad.Matrix3f64, ad.Matrix4f64, ad.TensorXf64,
     "float64", 2.0**-53, 1.7976931348623157e308,
 )
 

@@ -1,0 +1,68 @@
+"""From surfaces to a structure over them, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from ..surfaces.geometry import Geometry
+from ..surfaces.scan import Scan
+from ..surfaces.structure import Structure
+from ..surfaces.surface import Surface
+from ..types import types
+from .bvh import Bvh, BvhConfig
+
+
+def _brute_force(geometry: Geometry, **options: Any) -> Structure:
+    if options:
+        raise TypeError(f"brute_force takes no options, not {sorted(options)}")
+    return Scan(geometry)
+
+
+def _bvh(geometry: Geometry, **options: Any) -> Structure:
+    return Bvh(geometry, BvhConfig(**options))
+
+
+_KINDS: dict[str, Callable[..., Structure]] = {"brute_force": _brute_force, "bvh": _bvh}
+
+
+def names() -> tuple[str, ...]:
+    """Every kind that :func:`build` takes."""
+    return tuple(_KINDS)
+
+
+def build(surfaces: Surface | Sequence[Surface], kind: str = "bvh", *, precision: str = "float32", **options: Any) -> Structure:
+    """A structure of ``kind`` over a Surface or a list of them, structures included: it is a Surface itself.
+
+    ``kind`` may carry options after a colon, as on the command line: ``"bvh:max_leaf_size=2"``. ``options`` are the fields of the
+    kind's config. ``ValueError`` and ``TypeError`` tell of unknown kinds and options.
+    """
+    name, written = parse_kind(kind)
+    items = [surfaces] if isinstance(surfaces, Surface) else list(surfaces)
+    for item in items:
+        if not isinstance(item, Surface):
+            raise TypeError(f"build takes Surfaces, not {type(item).__name__}")
+    return _KINDS[name](Geometry(items, types(precision)), **{**written, **options})
+
+
+def parse_kind(text: str) -> tuple[str, dict[str, Any]]:
+    """``"bvh:max_leaf_size=2,node_cost=1.5"`` as a name and options; numbers become numbers."""
+    name, _, rest = text.partition(":")
+    if name not in _KINDS:
+        raise ValueError(f"unknown acceleration structure {name!r}; there are {', '.join(_KINDS)}")
+    options: dict[str, Any] = {}
+    for item in filter(None, rest.split(",")):
+        key, equals, value = item.partition("=")
+        if not equals:
+            raise ValueError(f"{item!r} in {text!r} should read option=value")
+        options[key.strip()] = _number(value.strip())
+    return name, options
+
+
+def _number(text: str) -> Any:
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text

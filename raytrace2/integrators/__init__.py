@@ -1,0 +1,1 @@
+"""Integrators: what is computed along each ray."""

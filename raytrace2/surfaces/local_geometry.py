@@ -1,0 +1,153 @@
+"""Differential geometry of each kind of surface at a point, with Mitsuba's parameterisations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+
+from . import record
+
+
+@dataclass
+class LocalGeometry:
+    """Position, geometric normal, shading normal (both of unit length), uv and the derivatives of position by u and v."""
+
+    p: Any
+    n: Any
+    sh_n: Any
+    uv: Any
+    dp_du: Any
+    dp_dv: Any
+
+    def fields(self) -> tuple[Any, ...]:
+        """The fields in order."""
+        return self.p, self.n, self.sh_n, self.uv, self.dp_du, self.dp_dv
+
+    def transformed(self, to_world: Any, to_local: Any) -> LocalGeometry:
+        """The same under an affine map, given with its inverse."""
+        return LocalGeometry(
+            to_world.point(self.p),
+            dr.normalize(to_local.transposed(self.n)),
+            dr.normalize(to_local.transposed(self.sh_n)),
+            self.uv,
+            to_world.vector(self.dp_du),
+            to_world.vector(self.dp_dv),
+        )
+
+
+def on_triangle(
+    positions: list[Any], normals: list[Any] | None, uvs: list[Any] | None, smooth: Any, textured: Any, prim_uv: Any
+) -> LocalGeometry:
+    """A point on a triangle by its barycentric weights ``prim_uv`` of vertices 1 and 2. ``smooth`` and ``textured`` say which
+    lanes have normals and uv; without uv the parameterisation is barycentric."""
+    p0, p1, p2 = positions
+    b1, b2 = prim_uv.x, prim_uv.y
+    e1, e2 = p1 - p0, p2 - p0
+    p = dr.fma(e1, b1, dr.fma(e2, b2, p0))
+    across = dr.cross(e1, e2)
+    area = dr.squared_norm(across)
+    n = across * dr.rsqrt(dr.select(area > 0, area, 1))
+    sh_n = n
+    if normals is not None:
+        n0, n1, n2 = normals
+        blend = dr.fma(n1 - n0, b1, dr.fma(n2 - n0, b2, n0))
+        length = dr.squared_norm(blend)
+        usable = (length > 0) & smooth
+        sh_n = dr.select(usable, blend * dr.rsqrt(dr.select(usable, length, 1)), n)
+    uv, dp_du, dp_dv = type(prim_uv)(b1, b2), e1, e2
+    if uvs is not None:
+        uv0, uv1, uv2 = uvs
+        d1, d2 = uv1 - uv0, uv2 - uv0
+        determinant = d1.x * d2.y - d1.y * d2.x
+        regular = determinant != 0
+        inverse = dr.select(regular, dr.rcp(dr.select(regular, determinant, 1)), 0)
+        uv = dr.select(textured, dr.fma(d1, b1, dr.fma(d2, b2, uv0)), uv)
+        dp_du = dr.select(textured, (e1 * d2.y - e2 * d1.y) * inverse, dp_du)
+        dp_dv = dr.select(textured, (e2 * d1.x - e1 * d2.x) * inverse, dp_dv)
+    return LocalGeometry(p, n, sh_n, uv, dp_du, dp_dv)
+
+
+def on_sphere(p: Any, _: Any, to_world: Any, to_local: Any, side: Any) -> LocalGeometry:
+    """u is the azimuth over 2 pi, v the angle from the local z axis over pi."""
+    Vector = type(p)
+    local = dr.normalize(to_local.point(p))
+    center = Vector(*to_world.translation)
+    arm = to_world.vector(local)
+    n = dr.normalize(arm) * side
+    axis_2 = dr.fma(local.x, local.x, local.y * local.y)
+    off_axis = axis_2 > 0
+    axis = dr.sqrt(dr.select(off_axis, axis_2, 1))
+    phi = dr.atan2(local.y, dr.select(off_axis, local.x, 1))
+    u = dr.select(phi < 0, phi + dr.two_pi, phi) * dr.inv_two_pi
+    v = dr.atan2(dr.select(off_axis, axis, 0), local.z) * dr.inv_pi
+    dp_du = Vector(-local.y, local.x, 0) * dr.two_pi
+    cos_phi, sin_phi = local.x / axis, local.y / axis
+    dp_dv = dr.select(off_axis, Vector(local.z * cos_phi, local.z * sin_phi, -axis), Vector(1, 0, 0)) * dr.pi
+    uv = _pair(p, u, v)
+    return LocalGeometry(center + arm, n, n, uv, to_world.vector(dp_du), to_world.vector(dp_dv))
+
+
+def on_rectangle(p: Any, local: Any, to_world: Any, to_local: Any, side: Any) -> LocalGeometry:
+    """u and v run from 0 to 1 with local x and y."""
+    Vector = type(p)
+    n = _plane_normal(to_local, side, Vector)
+    at = to_world.point(Vector(local.x, local.y, 0))
+    return LocalGeometry(
+        at, n, n, dr.fma(local, 0.5, 0.5), to_world.vector(Vector(2, 0, 0)), to_world.vector(Vector(0, 2, 0))
+    )
+
+
+def on_disk(p: Any, local: Any, to_world: Any, to_local: Any, side: Any) -> LocalGeometry:
+    """u is the distance from the centre, v the azimuth over 2 pi."""
+    Vector = type(p)
+    n = _plane_normal(to_local, side, Vector)
+    radius_2 = dr.fma(local.x, local.x, local.y * local.y)
+    off_center = radius_2 > 0
+    inverse = dr.select(off_center, dr.rsqrt(dr.select(off_center, radius_2, 1)), 0)
+    cos_phi, sin_phi = dr.select(off_center, local.x * inverse, 1), local.y * inverse
+    turns = dr.atan2(local.y, dr.select(off_center, local.x, 1)) * dr.inv_two_pi
+    uv = _pair(p, radius_2 * inverse, dr.select(turns < 0, turns + 1, turns))
+    return LocalGeometry(
+        to_world.point(Vector(local.x, local.y, 0)),
+        n,
+        n,
+        uv,
+        to_world.vector(Vector(cos_phi, sin_phi, 0)),
+        to_world.vector(Vector(-sin_phi, cos_phi, 0)),
+    )
+
+
+def on_cylinder(p: Any, _: Any, to_world: Any, to_local: Any, side: Any) -> LocalGeometry:
+    """u is the azimuth over 2 pi, v the position along the axis from 0 to 1."""
+    Vector = type(p)
+    local = to_local.point(p)
+    radius_2 = dr.fma(local.x, local.x, local.y * local.y)
+    inverse = dr.rsqrt(dr.select(radius_2 > 0, radius_2, 1))
+    local = Vector(local.x * inverse, local.y * inverse, local.z)
+    phi = dr.atan2(local.y, local.x)
+    uv = _pair(p, dr.select(phi < 0, phi + dr.two_pi, phi) * dr.inv_two_pi, local.z)
+    dp_du = to_world.vector(Vector(-local.y, local.x, 0) * dr.two_pi)
+    dp_dv = to_world.vector(Vector(0, 0, 1))
+    n = dr.normalize(dr.cross(dp_du, dp_dv)) * side
+    return LocalGeometry(to_world.point(local), n, n, uv, dp_du, dp_dv)
+
+
+def _plane_normal(to_local: Any, side: Any, Vector: Any) -> Any:
+    return dr.normalize(to_local.transposed(Vector(0, 0, 1))) * side
+
+
+def _pair(like: Any, x: Any, y: Any) -> Any:
+    from ..types import types_of
+
+    return types_of(like).Array2f(x, y)
+
+
+QUADRICS: dict[int, Callable[[Any, Any, Any, Any, Any], LocalGeometry]] = {
+    record.SPHERE: on_sphere,
+    record.RECTANGLE: on_rectangle,
+    record.DISK: on_disk,
+    record.CYLINDER: on_cylinder,
+}

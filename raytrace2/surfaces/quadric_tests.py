@@ -1,0 +1,78 @@
+"""Ray tests of spheres, rectangles, disks and cylinders on primitive records.
+
+Each takes a record's words and a ray and gives, for the *line* of the ray: whether it is met between ``tmin`` and ``tmax``,
+t there, and two surface coordinates (zero for the sphere and the cylinder, whose parameterisation is recovered from the
+point; local x and y for rectangles and disks).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+
+
+def intersect_sphere(words: list[Any], ray: Any, tmin: Any, tmax: Any) -> tuple[Any, Any, Any, Any]:
+    """Words: centre, radius. The discriminant is formed from the line's distance to the centre, which does not cancel
+    for small or distant spheres (Haines et al., Ray Tracing Gems, chapter 7, 2019)."""
+    Vector = type(ray.o)
+    center, radius = Vector(words[0], words[1], words[2]), words[3]
+    f = center - ray.o
+    a = dr.squared_norm(ray.d)
+    inverse = dr.rcp(a)
+    b = dr.dot(f, ray.d)
+    nearest = b * inverse
+    across = dr.fma(-nearest, ray.d, f)
+    discriminant = dr.fma(radius, radius, -dr.squared_norm(across))
+    half_chord = dr.sqrt(discriminant * inverse)
+    # The larger root in size is free of cancellation; the other follows from their product.
+    q = nearest + dr.copysign(half_chord, nearest)
+    product = dr.fma(-radius, radius, dr.squared_norm(f)) * inverse
+    other = dr.select(q != 0, product / q, 0)
+    near, far = dr.fmin(q, other), dr.fmax(q, other)
+    t = dr.select(near >= tmin, near, far)
+    zero = dr.zeros(type(t), dr.width(t))
+    return (discriminant >= 0) & (radius > 0) & (t >= tmin) & (t <= tmax), t, zero, zero
+
+
+def intersect_rectangle(words: list[Any], ray: Any, tmin: Any, tmax: Any) -> tuple[Any, Any, Any, Any]:
+    """Words: the rows of the world-to-local matrix; the rectangle is [-1, 1]^2 in the local plane z = 0."""
+    t, x, y = _meet_plane(words, ray)
+    return (abs(x) <= 1) & (abs(y) <= 1) & (t >= tmin) & (t <= tmax), t, x, y
+
+
+def intersect_disk(words: list[Any], ray: Any, tmin: Any, tmax: Any) -> tuple[Any, Any, Any, Any]:
+    """Words: the rows of the world-to-local matrix; the disk has unit radius in the local plane z = 0."""
+    t, x, y = _meet_plane(words, ray)
+    return (dr.fma(x, x, y * y) <= 1) & (t >= tmin) & (t <= tmax), t, x, y
+
+
+def intersect_cylinder(words: list[Any], ray: Any, tmin: Any, tmax: Any) -> tuple[Any, Any, Any, Any]:
+    """Words: the rows of the world-to-local matrix; the open cylinder has unit radius about local z, from z = 0 to 1."""
+    ox, oy, oz = (_row(words, k, ray.o, 1) for k in range(3))
+    dx, dy, dz = (_row(words, k, ray.d, 0) for k in range(3))
+    a = dr.fma(dx, dx, dy * dy)
+    inverse = dr.rcp(a)
+    nearest = -dr.fma(ox, dx, oy * dy) * inverse
+    ax, ay = dr.fma(nearest, dx, ox), dr.fma(nearest, dy, oy)
+    discriminant = 1 - dr.fma(ax, ax, ay * ay)
+    half_chord = dr.sqrt(discriminant * inverse)
+    near, far = nearest - half_chord, nearest + half_chord
+    near_z, far_z = dr.fma(near, dz, oz), dr.fma(far, dz, oz)
+    use_near = (near >= tmin) & (near <= tmax) & (near_z >= 0) & (near_z <= 1)
+    use_far = (far >= tmin) & (far <= tmax) & (far_z >= 0) & (far_z <= 1)
+    t = dr.select(use_near, near, far)
+    zero = dr.zeros(type(t), dr.width(t))
+    return (discriminant >= 0) & (a > 0) & (use_near | use_far), t, zero, zero
+
+
+def _row(words: list[Any], k: int, v: Any, w: int) -> Any:
+    x, y, z, translation = words[4 * k : 4 * k + 4]
+    rest = dr.fma(z, v.z, translation) if w else z * v.z
+    return dr.fma(x, v.x, dr.fma(y, v.y, rest))
+
+
+def _meet_plane(words: list[Any], ray: Any) -> tuple[Any, Any, Any]:
+    t = -_row(words, 2, ray.o, 1) / _row(words, 2, ray.d, 0)
+    p = dr.fma(ray.d, t, ray.o)
+    return t, _row(words, 0, p, 1), _row(words, 1, p, 1)

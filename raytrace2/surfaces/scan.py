@@ -1,0 +1,64 @@
+"""Every ray against every primitive: slow, and by its plainness the oracle for everything faster."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import drjit as dr
+
+from .hit import Candidate
+from .primitives import LocalRay
+from .structure import Structure
+
+if TYPE_CHECKING:
+    from .geometry import Geometry
+
+
+class Scan(Structure):
+    """A list of primitives, each tested against every ray, in the order of their numbers."""
+
+    kind = "brute_force"
+
+    def __init__(self, geometry: Geometry) -> None:
+        super().__init__(geometry)
+        parts = geometry.primitives()
+        self.count = len(parts) if parts else 0
+        self._bytes = parts.records.nbytes if parts else 0
+        self._device = parts.upload() if parts else None
+
+    def traverse(self, ray: LocalRay, best: Candidate, root: Any, active: Any) -> Candidate:
+        if self._device is None:
+            return best
+        device = self._device
+        ready = device.prepare(ray)
+        end = self._end(best.t, active)
+        _, _, best = dr.while_loop(
+            (dr.zeros(self.types.UInt, dr.width(best.t)), end, best),
+            lambda i, end, best: i < end,
+            lambda i, end, best: (i + 1, end, device.intersect_one(i, ready, best)),
+            labels=("i", "end", "best"),
+        )
+        return best
+
+    def traverse_any(self, ray: LocalRay, root: Any, active: Any) -> Any:
+        width = dr.width(root)
+        blocked = dr.full(self.types.Bool, False, width)
+        if self._device is None:
+            return blocked
+        device = self._device
+        ready = device.prepare(ray)
+        _, _, blocked = dr.while_loop(
+            (dr.zeros(self.types.UInt, width), self._end(root, active), blocked),
+            lambda i, end, blocked: (i < end) & ~blocked,
+            lambda i, end, blocked: (i + 1, end, device.occludes_one(i, ready)),
+            labels=("i", "end", "blocked"),
+        )
+        return blocked
+
+    def _end(self, like: Any, active: Any) -> Any:
+        count = dr.opaque(self.types.UInt, self.count)
+        return dr.select(active, count, 0) + dr.zeros(self.types.UInt, dr.width(like))
+
+    def statistics(self) -> dict[str, Any]:
+        """How many primitives are tested per ray, and the bytes that they take."""
+        return {"kind": self.kind, "primitives": self.count, "bytes": self._bytes, "build_seconds": 0.0}

@@ -1,0 +1,225 @@
+"""The second phase of a ray query: from the number of what was met to its position, normals, uv and partial derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from ..buffers import owned
+from ..types import Types
+from . import local_geometry, record
+from .frame import Frame, coordinate_system
+from .hit import Hit
+from .instance import Instance
+from .interaction import SurfaceInteraction
+from .local_geometry import LocalGeometry
+from .mesh import TriangleMesh
+from .quadrics import Quadric
+from .surface import Surface
+
+HAS_NORMALS, HAS_UV = 1, 2
+
+
+class Shading:
+    """Buffers for every surface of a geometry. Only kinds that are present add operations to :meth:`interact`."""
+
+    def __init__(self, surfaces: Sequence[Surface], instances: Sequence[Instance], types: Types) -> None:
+        self.types = types
+        meshes = [s for s in surfaces if isinstance(s, TriangleMesh)]
+        self.quadric_kinds = tuple(sorted({s.KIND for s in surfaces if isinstance(s, Quadric)}))
+        self.has_meshes = bool(meshes)
+        self.has_uv = any(m.uv is not None for m in meshes)
+        self.all_uv = all(m.uv is not None for m in meshes)
+        self.has_normals = any(m.normals is not None for m in meshes)
+        self.all_normals = all(m.normals is not None for m in meshes)
+        if meshes:
+            self._upload_meshes(surfaces)
+        if self.quadric_kinds:
+            self._upload_quadrics(surfaces)
+        self.has_instances = bool(instances)
+        if instances:
+            rows = [np.concatenate([_rows(i.to_world), _rows(np.linalg.inv(i.to_world))]) for i in instances]
+            self.instance_rows = owned(np.stack(rows), types.Float)
+
+    def _upload_meshes(self, surfaces: Sequence[Surface]) -> None:
+        first_face, faces, vertices, normals, uvs = [], [], [], [], []
+        face_count = vertex_count = 0
+        for surface in surfaces:
+            first_face.append(face_count)
+            if not isinstance(surface, TriangleMesh):
+                continue
+            n = len(surface.vertices)
+            flags = HAS_NORMALS * (surface.normals is not None) + HAS_UV * (surface.uv is not None)
+            quads = np.empty((len(surface.faces), 4), np.uint32)
+            quads[:, :3] = surface.faces + np.uint32(vertex_count)
+            quads[:, 3] = flags
+            faces.append(quads)
+            vertices.append(_padded(surface.vertices, n, 4))
+            normals.append(_padded(surface.normals, n, 4))
+            uvs.append(_padded(surface.uv, n, 2))
+            face_count += len(quads)
+            vertex_count += n
+        UInt, Float = self.types.UInt, self.types.Float
+        self.first_face = owned(np.array(first_face, dtype=np.uint32), UInt)
+        self.many_surfaces = len(surfaces) > 1
+        self.faces = owned(np.concatenate(faces), UInt)
+        self.vertices = owned(np.concatenate(vertices), Float)
+        if self.has_normals:
+            self.normals = owned(np.concatenate(normals), Float)
+        if self.has_uv:
+            self.uvs = owned(np.concatenate(uvs), Float)
+
+    def _upload_quadrics(self, surfaces: Sequence[Surface]) -> None:
+        rows = np.zeros((len(surfaces), 32))
+        for k, surface in enumerate(surfaces):
+            if isinstance(surface, Quadric):
+                rows[k, :12] = _rows(surface.to_world)
+                mirrored = np.linalg.det(surface.to_world[:3, :3]) < 0
+                # A mirrored sphere or cylinder is turned inside out, as its parameterisation is.
+                turned = surface.flip_normals != (mirrored and surface.KIND == record.SPHERE)
+                rows[k, 12] = -1.0 if turned else 1.0
+                rows[k, 13] = surface.KIND
+                rows[k, 16:28] = _rows(np.linalg.inv(surface.to_world))
+        self.quadric_rows = owned(rows, self.types.Float)
+
+    def interact(self, ray: Any, hit: Hit) -> SurfaceInteraction:
+        """The interaction of each ray with what it met; lanes that missed hold zeros and t = inf."""
+        types = self.types
+        valid = hit.valid
+        instanced = valid & (hit.instance != record.NONE) if self.has_instances else None
+        if self.has_instances:
+            to_world, to_local = self._instance_maps(hit, instanced)
+            o, d = to_local.point(ray.o), to_local.vector(ray.d)
+        else:
+            o, d = ray.o, ray.d
+        kinds: list[tuple[Any, LocalGeometry]] = []
+        is_quadric: Any = types.Bool(False)
+        if self.quadric_kinds:
+            world = dr.gather(types.ArrayXf, self.quadric_rows, hit.surface * 2, valid, shape=(16, dr.width(hit.t)))
+            local = dr.gather(types.ArrayXf, self.quadric_rows, hit.surface * 2 + 1, valid, shape=(16, dr.width(hit.t)))
+            code = types.UInt(world[13])
+            is_quadric = valid & (code != record.TRIANGLE)
+            t = dr.select(is_quadric, hit.t, 0)
+            p = dr.fma(d, t, o)
+            for kind in self.quadric_kinds:
+                found = local_geometry.QUADRICS[kind](p, hit.uv, Rows(world), Rows(local), world[12])
+                kinds.append((is_quadric & (code == kind), found))
+        if self.has_meshes:
+            on_mesh = valid & ~is_quadric
+            kinds.append((on_mesh, self._on_triangle(hit, on_mesh)))
+        if not kinds:
+            return _nothing(types, ray, hit)
+        geometry = kinds[0][1]
+        for mask, other in kinds[1:]:
+            geometry = LocalGeometry(*(dr.select(mask, b, a) for a, b in zip(geometry.fields(), other.fields(), strict=True)))
+        if self.has_instances:
+            geometry = geometry.transformed(to_world, to_local)
+        return _finish(geometry, ray, hit, valid, types)
+
+    def _instance_maps(self, hit: Hit, instanced: Any) -> tuple[Rows, Rows]:
+        types = self.types
+        identity = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+        maps = []
+        for k in range(2):
+            words: list[Any] = []
+            for row in range(3):
+                words.extend(dr.gather(types.Array4f, self.instance_rows, hit.instance * 6 + 3 * k + row, instanced))
+            maps.append(Rows([dr.select(instanced, w, i) for w, i in zip(words, identity, strict=True)]))
+        return maps[0], maps[1]
+
+    def _on_triangle(self, hit: Hit, active: Any) -> LocalGeometry:
+        types = self.types
+        face = hit.prim
+        if self.many_surfaces:
+            face = face + dr.gather(types.UInt, self.first_face, hit.surface, active)
+        i0, i1, i2, flags = (dr.gather(types.UInt, self.faces, face * 4 + k, active) for k in range(4))
+
+        def corner(buffer: Any, index: Any) -> Any:
+            q = dr.gather(types.Array4f, buffer, index, active)
+            return types.Array3f(q.x, q.y, q.z)
+
+        positions = [corner(self.vertices, i) for i in (i0, i1, i2)]
+        normals = uvs = None
+        smooth: Any = False
+        textured: Any = False
+        if self.has_normals:
+            normals = [corner(self.normals, i) for i in (i0, i1, i2)]
+            smooth = True if self.all_normals else (flags & HAS_NORMALS) != 0
+        if self.has_uv:
+            uvs = [dr.gather(types.Array2f, self.uvs, i, active) for i in (i0, i1, i2)]
+            textured = True if self.all_uv else (flags & HAS_UV) != 0
+        return local_geometry.on_triangle(positions, normals, uvs, smooth, textured, hit.uv)
+
+
+class Rows:
+    """The rows of an affine map, a Float each, per lane."""
+
+    def __init__(self, words: Any) -> None:
+        self.rows = [[words[4 * k + j] for j in range(4)] for k in range(3)]
+
+    def point(self, p: Any) -> Any:
+        """The image of a point."""
+        return type(p)(*(dr.fma(a, p.x, dr.fma(b, p.y, dr.fma(c, p.z, t))) for a, b, c, t in self.rows))
+
+    def vector(self, v: Any) -> Any:
+        """The image of a direction."""
+        return type(v)(*(dr.fma(a, v.x, dr.fma(b, v.y, c * v.z)) for a, b, c, _ in self.rows))
+
+    def transposed(self, v: Any) -> Any:
+        """``v`` under the transposed linear part: a normal, if these are the rows of the inverse map."""
+        r = self.rows
+        return type(v)(*(dr.fma(r[0][k], v.x, dr.fma(r[1][k], v.y, r[2][k] * v.z)) for k in range(3)))
+
+    @property
+    def translation(self) -> list[Any]:
+        """The translation part."""
+        return [row[3] for row in self.rows]
+
+
+def _finish(g: LocalGeometry, ray: Any, hit: Hit, valid: Any, types: Types) -> SurfaceInteraction:
+    s = g.dp_du - g.sh_n * dr.dot(g.sh_n, g.dp_du)
+    length = dr.squared_norm(s)
+    # Where the parameterisation is singular any tangent will do.
+    any_s, _ = coordinate_system(g.sh_n)
+    s = dr.select(length > 0, s * dr.rsqrt(dr.select(length > 0, length, 1)), any_s)
+    frame = Frame(s, dr.cross(g.sh_n, s), g.sh_n)
+    zero3 = types.Array3f(0)
+    return SurfaceInteraction(
+        valid=valid,
+        t=hit.t,
+        p=dr.select(valid, g.p, zero3),
+        n=dr.select(valid, g.n, zero3),
+        sh_frame=Frame(*(dr.select(valid, v, zero3) for v in (frame.s, frame.t, frame.n))),
+        uv=dr.select(valid, g.uv, types.Array2f(0)),
+        dp_du=dr.select(valid, g.dp_du, zero3),
+        dp_dv=dr.select(valid, g.dp_dv, zero3),
+        prim_uv=hit.uv,
+        wi=dr.select(valid, frame.to_local(-ray.d), -ray.d),
+        prim=hit.prim,
+        surface=hit.surface,
+        instance=hit.instance,
+    )
+
+
+def _nothing(types: Types, ray: Any, hit: Hit) -> SurfaceInteraction:
+    width = dr.width(hit.t)
+    zero3 = dr.zeros(types.Array3f, width)
+    zero2 = dr.zeros(types.Array2f, width)
+    none = dr.full(types.UInt, record.NONE, width)
+    frame = Frame(zero3, zero3, zero3)
+    invalid = dr.full(types.Bool, False, width)
+    return SurfaceInteraction(invalid, hit.t, zero3, zero3, frame, zero2, zero3, zero3, zero2, -ray.d, none, none, none)
+
+
+def _rows(matrix: np.ndarray) -> np.ndarray:
+    return np.asarray(matrix)[:3].ravel()
+
+
+def _padded(values: np.ndarray | None, count: int, columns: int) -> np.ndarray:
+    out = np.zeros((count, columns))
+    if values is not None:
+        out[:, : values.shape[1]] = values
+    return out

@@ -1,0 +1,89 @@
+"""What every structure over surfaces has in common: it is entered by a traversal and answers as a Surface."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import drjit as dr
+import numpy as np
+
+from ..rays.ray import Ray
+from ..types import Types
+from .hit import Candidate, Hit
+from .primitives import LocalRay, Primitives
+from .record import NONE
+from .surface import Surface
+
+if TYPE_CHECKING:
+    from .geometry import Geometry
+    from .interaction import SurfaceInteraction
+
+
+class Structure(Surface):
+    """A Surface over the surfaces of a :class:`Geometry`. Subclasses give ``traverse`` and ``traverse_any``."""
+
+    kind: str = ""
+
+    def __init__(self, geometry: Geometry) -> None:
+        self.geometry = geometry
+        self.types: Types = geometry.types
+        self.name = self.kind
+
+    @property
+    def has_instances(self) -> bool:
+        """Whether a hit may have been met through an instance."""
+        return bool(self.geometry.instances)
+
+    @property
+    def primitive_count(self) -> int:
+        return self.geometry.primitive_count
+
+    def primitives(self, types: Types, first_id: int = 0) -> Primitives:
+        raise TypeError("a structure is entered, not taken apart; its surfaces are in geometry.surfaces")
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.geometry.bounds()
+
+    def traverse(self, ray: LocalRay, best: Candidate, root: Any, active: Any) -> Candidate:
+        """The closest hit of each active ray no farther than ``best.t``; ``best`` where there is none."""
+        raise NotImplementedError
+
+    def traverse_any(self, ray: LocalRay, root: Any, active: Any) -> Any:
+        """Bool: whether an active ray meets anything between its tmin and tmax."""
+        raise NotImplementedError
+
+    def intersect(self, ray: Any, active: Any = True) -> Hit:
+        ray = self._checked(ray)
+        types, width = self.types, len(ray)
+        zero = dr.zeros(types.Float, width)
+        none = dr.full(types.UInt, NONE, width)
+        # A hit at infinity is no hit: it comes from overflow.
+        farthest = dr.fmin(ray.tmax + zero, types.largest)
+        start = Candidate(farthest, zero, zero + 0, none, dr.full(types.UInt, NONE, width) if self.has_instances else None)
+        with dr.suspend_grad():
+            local = LocalRay(ray.o, ray.d, ray.tmin, farthest)
+            found = self.traverse(local, start, dr.zeros(types.UInt, width), active)
+        valid = found.id != NONE
+        surface, prim = self.geometry.surface_and_prim(found.id, valid)
+        instance = dr.full(types.UInt, NONE, width) if found.instance is None else found.instance
+        t = dr.select(valid, found.t, dr.inf)
+        return Hit(t, prim, types.Array2f(found.u, found.v), surface, instance)
+
+    def occluded(self, ray: Any, active: Any = True) -> Any:
+        ray = self._checked(ray)
+        farthest = dr.fmin(ray.tmax + dr.zeros(self.types.Float, len(ray)), self.types.largest)
+        with dr.suspend_grad():
+            local = LocalRay(ray.o, ray.d, ray.tmin, farthest)
+            return self.traverse_any(local, dr.zeros(self.types.UInt, len(ray)), active)
+
+    def interact(self, ray: Any, hit: Hit) -> SurfaceInteraction:
+        return self.geometry.interact(self._checked(ray), hit)
+
+    def _checked(self, ray: Any) -> Ray:
+        if not isinstance(ray, Ray):
+            ray = Ray(ray, precision=self.types.precision)
+        given = dr.type_v(ray.o) == dr.VarType.Float64
+        if given != (self.types.precision == "float64"):
+            wanted = self.types.precision
+            raise TypeError(f"this structure was built for {wanted} rays; make them with Ray(o, d, precision={wanted!r})")
+        return ray
