@@ -45,6 +45,14 @@ class Ray:
         if len(widths) > 1:
             raise ValueError(f"o, d, tmin and tmax hold different numbers of rays: {sorted(widths)}")
 
+    @staticmethod
+    def of(o: Any, d: Any, tmin: Any = 0.0, tmax: Any = float("inf")) -> Ray:
+        """A ray of Dr.Jit arrays of one precision, taken as they are: for kernels, where nothing is left to check."""
+        ray = Ray()
+        Float = type(d.x)
+        ray.o, ray.d, ray.tmin, ray.tmax = o, d, Float(tmin), Float(tmax)
+        return ray
+
     def __call__(self, t: Any) -> Any:
         """The points at parameter ``t``."""
         return dr.fma(self.d, t, self.o)

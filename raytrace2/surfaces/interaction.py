@@ -5,6 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import drjit as dr
+
+from ..rays.ray import Ray
+from ..types import types_of
 from .frame import Frame
 
 
@@ -14,8 +18,8 @@ class SurfaceInteraction:
 
     Fields (one lane a ray): ``valid`` Bool; ``t`` Float (inf on a miss); ``p`` Array3f; ``n`` the geometric normal;
     ``sh_frame`` the shading frame; ``uv`` Array2f; ``dp_du``, ``dp_dv`` Array3f; ``prim_uv`` Array2f barycentric
-    coordinates of triangles (weights of vertices 1 and 2); ``wi`` the direction back along the ray *in the shading frame*;
-    ``prim`` UInt index within the surface; ``surface`` UInt index of the surface in the scene; ``instance`` UInt
+    coordinates of triangles (weights of vertices 1 and 2); ``wi`` the direction back along the ray *in the shading frame*; ``p_error`` a bound on
+    the rounding error of each component of ``p``; ``prim`` UInt index within the surface; ``surface`` UInt index of the surface in the scene; ``instance`` UInt
     index of the instance surface, or 0xFFFFFFFF.
     """
 
@@ -32,6 +36,7 @@ class SurfaceInteraction:
     prim: Any
     surface: Any
     instance: Any
+    p_error: Any = 0.0
 
     def to_local(self, v: Any) -> Any:
         """The world vector ``v`` in the shading frame."""
@@ -40,3 +45,28 @@ class SurfaceInteraction:
     def to_world(self, v: Any) -> Any:
         """The vector ``v`` of the shading frame in world coordinates."""
         return self.sh_frame.to_world(v)
+
+    def spawn_ray(self, d: Any, tmax: Any = float("inf")) -> Ray:
+        """A ray from here along ``d`` (world coordinates), on the side of the surface that ``d`` points to.
+
+        Its origin is moved off the surface by no more than the rounding error of ``p`` and of the ray tests demands
+        (Pharr, Jakob and Humphreys 2023, section 6.8), at whatever scale.
+        """
+        return Ray.of(self._moved_off(d), d, 0.0, tmax)
+
+    def spawn_ray_to(self, p: Any) -> Ray:
+        """A ray from here that ends just short of the point ``p``: t runs from 0 to nearly 1 of the distance."""
+        types = types_of(self.p)
+        o = self._moved_off(p - self.p)
+        d = p - o
+        distance = dr.norm(d)
+        apart = distance > 0
+        # Half the digits: far more than rounding, far less than any blocker that could be told from the light.
+        short = 1 - types.epsilon**0.5 / 2
+        return Ray.of(o, d * dr.rcp(dr.select(apart, distance, 1)), 0.0, dr.select(apart, distance * short, -1))
+
+    def _moved_off(self, d: Any) -> Any:
+        n = abs(self.n)
+        margin = self.p_error * (n.x + n.y + n.z)
+        distance = dr.detach(dr.mulsign(margin, dr.dot(self.n, d)))
+        return dr.fma(dr.detach(self.n), distance, self.p)

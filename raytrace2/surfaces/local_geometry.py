@@ -8,14 +8,17 @@ from typing import Any
 
 import drjit as dr
 
+from ..types import types_of
 from . import record
 
 
 @dataclass
 class LocalGeometry:
-    """Position, geometric normal, shading normal (both of unit length), uv and the derivatives of position by u and v."""
+    """Position and a bound on its rounding error (per component), geometric and shading normal (both of unit length), uv and
+    the derivatives of position by u and v."""
 
     p: Any
+    error: Any
     n: Any
     sh_n: Any
     uv: Any
@@ -24,12 +27,13 @@ class LocalGeometry:
 
     def fields(self) -> tuple[Any, ...]:
         """The fields in order."""
-        return self.p, self.n, self.sh_n, self.uv, self.dp_du, self.dp_dv
+        return self.p, self.error, self.n, self.sh_n, self.uv, self.dp_du, self.dp_dv
 
     def transformed(self, to_world: Any, to_local: Any) -> LocalGeometry:
         """The same under an affine map, given with its inverse."""
         return LocalGeometry(
             to_world.point(self.p),
+            to_world.error(self.p, self.error),
             dr.normalize(to_local.transposed(self.n)),
             dr.normalize(to_local.transposed(self.sh_n)),
             self.uv,
@@ -67,7 +71,10 @@ def on_triangle(
         uv = dr.select(textured, dr.fma(d1, b1, dr.fma(d2, b2, uv0)), uv)
         dp_du = dr.select(textured, (e1 * d2.y - e2 * d1.y) * inverse, dp_du)
         dp_dv = dr.select(textured, (e2 * d1.x - e1 * d2.x) * inverse, dp_dv)
-    return LocalGeometry(p, n, sh_n, uv, dp_du, dp_dv)
+    # What interpolation adds up, and the shear and the edge functions of the ray test that the next ray meets here again.
+    sizes = abs(p0) + 2 * (abs(e1) + abs(e2))
+    error = dr.fmax(dr.fmax(sizes.x, sizes.y), sizes.z) * (8 * types_of(p).epsilon)
+    return LocalGeometry(p, error, n, sh_n, uv, dp_du, dp_dv)
 
 
 def on_sphere(p: Any, _: Any, to_world: Any, to_local: Any, side: Any) -> LocalGeometry:
@@ -87,7 +94,7 @@ def on_sphere(p: Any, _: Any, to_world: Any, to_local: Any, side: Any) -> LocalG
     cos_phi, sin_phi = local.x / axis, local.y / axis
     dp_dv = dr.select(off_axis, Vector(local.z * cos_phi, local.z * sin_phi, -axis), Vector(1, 0, 0)) * dr.pi
     uv = _pair(p, u, v)
-    return LocalGeometry(center + arm, n, n, uv, to_world.vector(dp_du), to_world.vector(dp_dv))
+    return LocalGeometry(center + arm, to_world.error(local, 0), n, n, uv, to_world.vector(dp_du), to_world.vector(dp_dv))
 
 
 def on_rectangle(p: Any, local: Any, to_world: Any, to_local: Any, side: Any) -> LocalGeometry:
@@ -96,7 +103,7 @@ def on_rectangle(p: Any, local: Any, to_world: Any, to_local: Any, side: Any) ->
     n = _plane_normal(to_local, side, Vector)
     at = to_world.point(Vector(local.x, local.y, 0))
     return LocalGeometry(
-        at, n, n, dr.fma(local, 0.5, 0.5), to_world.vector(Vector(2, 0, 0)), to_world.vector(Vector(0, 2, 0))
+        at, to_world.error(Vector(local.x, local.y, 0), 0), n, n, dr.fma(local, 0.5, 0.5), to_world.vector(Vector(2, 0, 0)), to_world.vector(Vector(0, 2, 0))
     )
 
 
@@ -112,6 +119,7 @@ def on_disk(p: Any, local: Any, to_world: Any, to_local: Any, side: Any) -> Loca
     uv = _pair(p, radius_2 * inverse, dr.select(turns < 0, turns + 1, turns))
     return LocalGeometry(
         to_world.point(Vector(local.x, local.y, 0)),
+        to_world.error(Vector(local.x, local.y, 0), 0),
         n,
         n,
         uv,
@@ -132,7 +140,7 @@ def on_cylinder(p: Any, _: Any, to_world: Any, to_local: Any, side: Any) -> Loca
     dp_du = to_world.vector(Vector(-local.y, local.x, 0) * dr.two_pi)
     dp_dv = to_world.vector(Vector(0, 0, 1))
     n = dr.normalize(dr.cross(dp_du, dp_dv)) * side
-    return LocalGeometry(to_world.point(local), n, n, uv, dp_du, dp_dv)
+    return LocalGeometry(to_world.point(local), to_world.error(local, 0), n, n, uv, dp_du, dp_dv)
 
 
 def _plane_normal(to_local: Any, side: Any, Vector: Any) -> Any:
@@ -140,8 +148,6 @@ def _plane_normal(to_local: Any, side: Any, Vector: Any) -> Any:
 
 
 def _pair(like: Any, x: Any, y: Any) -> Any:
-    from ..types import types_of
-
     return types_of(like).Array2f(x, y)
 
 

@@ -9,7 +9,7 @@ import drjit as dr
 import numpy as np
 
 from ..buffers import owned
-from ..types import Types
+from ..types import Types, types_of
 from . import local_geometry, record
 from .frame import Frame, coordinate_system
 from .hit import Hit
@@ -173,6 +173,17 @@ class Rows:
         r = self.rows
         return type(v)(*(dr.fma(r[0][k], v.x, dr.fma(r[1][k], v.y, r[2][k] * v.z)) for k in range(3)))
 
+    def error(self, p: Any, error: Any) -> Any:
+        """A bound on the rounding error, per component, of :meth:`point` at a point known to within ``error``, with room for
+        the rounded matrix and for a ray test that works with its inverse."""
+        at = abs(p) + error
+        sizes = []
+        for a, b, c, t in self.rows:
+            sizes.append((abs(a) * at.x + abs(b) * at.y + abs(c) * at.z + abs(t)) * (16 * types_of(p).epsilon))
+        grown = [(abs(a) + abs(b) + abs(c)) * error for a, b, c, _ in self.rows]
+        total = [s + g for s, g in zip(sizes, grown, strict=True)]
+        return dr.fmax(dr.fmax(total[0], total[1]), total[2])
+
     @property
     def translation(self) -> list[Any]:
         """The translation part."""
@@ -201,6 +212,7 @@ def _finish(g: LocalGeometry, ray: Any, hit: Hit, valid: Any, types: Types) -> S
         prim=hit.prim,
         surface=hit.surface,
         instance=hit.instance,
+        p_error=dr.select(valid, g.error, 0),
     )
 
 
@@ -211,7 +223,7 @@ def _nothing(types: Types, ray: Any, hit: Hit) -> SurfaceInteraction:
     none = dr.full(types.UInt, record.NONE, width)
     frame = Frame(zero3, zero3, zero3)
     invalid = dr.full(types.Bool, False, width)
-    return SurfaceInteraction(invalid, hit.t, zero3, zero3, frame, zero2, zero3, zero3, zero2, -ray.d, none, none, none)
+    return SurfaceInteraction(invalid, hit.t, zero3, zero3, frame, zero2, zero3, zero3, zero2, -ray.d, none, none, none, dr.zeros(types.Float, width))
 
 
 def _rows(matrix: np.ndarray) -> np.ndarray:
