@@ -19,9 +19,9 @@ from .ztest import NoiseTest, ztest
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """``ours`` and ``reference``: (H, W, 3) float32 linear; ``flip_map`` (H, W). ``seconds`` and ``reference_seconds`` are the
-    warm times of the two renders. ``noise`` is None when there were too few batches to ask. ``settings`` are the rows of the
-    report's second table."""
+    """``ours`` and ``reference``: (H, W, 3) float32 linear; ``flip_map`` (H, W). ``seconds`` and ``reference_seconds``
+    are the warm times of the two renders. ``noise`` is None when there were too few batches to ask. ``settings`` are
+    the rows of the report's second table."""
 
     title: str
     ours: np.ndarray
@@ -59,7 +59,8 @@ class Comparison:
                 "p: noiseless pixels, pixels, tiles, mean": ", ".join(
                     f"{p:.2g}" for p in (n.p_exact, n.p_pixels, n.p_tiles, n.p_mean)
                 ),
-                "Each p fails at": f"{n.false_alarm_rate / 4.0:.2g} (false alarms: {n.false_alarm_rate:.1g} of all comparisons)",
+                "Each p fails at": f"{n.false_alarm_rate / 4.0:.2g} "
+                f"(false alarms: {n.false_alarm_rate:.1g} of all comparisons)",
                 "Image mean, red, green, blue": ", ".join(f"{d:+.3%}" for d in n.mean_difference),
             }
         rows["Time, raytrace2"] = f"{self.seconds:.3g} s"
@@ -70,9 +71,11 @@ class Comparison:
         """Writes the HTML page; see :func:`raytrace2.reference.report.write_report`."""
         noise = self.noise
         return write_report(
-            path, ours=self.ours, reference=self.reference, title=self.title, figures=self.figures(), settings=self.settings,
-            consistent=self.consistent, reasons=noise.reasons if noise is not None else (), flip_map=self.flip_map,
-            z=None if noise is None else noise.z[..., 3], worst_tile=None if noise is None else noise.worst_tile,
+            path, ours=self.ours, reference=self.reference, title=self.title, figures=self.figures(),
+            settings=self.settings, consistent=self.consistent,
+            reasons=noise.reasons if noise is not None else (),
+            flip_map=self.flip_map, z=None if noise is None else noise.z[..., 3],
+            worst_tile=None if noise is None else noise.worst_tile,
         )
 
     def _repr_html_(self) -> str:
@@ -81,8 +84,9 @@ class Comparison:
             f"<figcaption>{name}</figcaption></figure>"
             for name, image in (("raytrace2", self.ours), ("Mitsuba", self.reference))
         )
+        left = 'style="text-align:left"'
         rows = "".join(
-            f'<tr><th style="text-align:left">{html.escape(k)}</th><td style="text-align:left">{html.escape(v)}</td></tr>'
+            f"<tr><th {left}>{html.escape(k)}</th><td {left}>{html.escape(v)}</td></tr>"
             for k, v in self.figures().items()
         )
         reasons = "".join(f"<br>{html.escape(r)}" for r in (() if self.noise is None else self.noise.reasons))
@@ -117,6 +121,6 @@ def compare_batches(
     error, flip_map = flip(image, target)
     return Comparison(
         title=title, ours=image, reference=target, rmse=rmse(image, target), relmse=relmse(image, target),
-        mae=mae(image, target), psnr=psnr(image, target), flip=error, flip_map=flip_map.astype(np.float32), seconds=seconds,
-        reference_seconds=reference_seconds, noise=noise, settings=dict(settings or {}),
+        mae=mae(image, target), psnr=psnr(image, target), flip=error, flip_map=flip_map.astype(np.float32),
+        seconds=seconds, reference_seconds=reference_seconds, noise=noise, settings=dict(settings or {}),
     )

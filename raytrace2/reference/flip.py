@@ -1,7 +1,7 @@
 """The FLIP difference of two images as a person would see it who flips between them on a screen.
 
-Andersson, Nilsson, Akenine-Moller, Oskarsson, Astrom and Fairchild, "FLIP: A Difference Evaluator for Alternating Images",
-Proc. ACM Comput. Graph. Interact. Tech. 3(2), 2020; section and constant names below are those of the paper.
+Andersson, Nilsson, Akenine-Moller, Oskarsson, Astrom and Fairchild, "FLIP: A Difference Evaluator for Alternating
+Images", Proc. ACM Comput. Graph. Interact. Tech. 3(2), 2020; section and constant names below are those of the paper.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ _RGB_TO_XYZ = np.array([
 ])
 _WHITE = _RGB_TO_XYZ.sum(axis=1)
 _XYZ_TO_RGB = np.linalg.inv(_RGB_TO_XYZ)
-# Contrast sensitivity of the achromatic, red-green and blue-yellow channels: sums of Gaussians, (a, b) of section 4.1.1.
+# Contrast sensitivity of the achromatic, red-green and blue-yellow channels: sums of Gaussians, (a, b) of section
+# 4.1.1.
 _CONTRAST_SENSITIVITY = (((1.0, 0.0047),), ((1.0, 0.0053),), ((34.1, 0.04), (13.5, 0.025)))
 _Q_COLOR, _Q_FEATURE, _P_COLOR, _P_THRESHOLD, _FEATURE_WIDTH = 0.7, 0.5, 0.4, 0.95, 0.082
 
@@ -28,10 +29,9 @@ def flip(
 ) -> tuple[float, np.ndarray]:
     """The low-dynamic-range FLIP error: its mean and the (H, W) map, from 0 (the same) to 1 (could not differ more).
 
-    ``image`` and ``reference`` are (H, W, 3) linear Rec. 709; what a screen cannot show (below 0, above 1) is cut off, as a
-    screen would. ``pixels_per_degree`` of visual angle: 67 is a 4K monitor of 0.7 m width seen from 0.7 m. A pixel that is
-    not finite in either image has error 1 and counts as black in its neighbours' filters.
-    """
+    ``image`` and ``reference`` are (H, W, 3) linear Rec. 709; what a screen cannot show (below 0, above 1) is cut off,
+    as a screen would. ``pixels_per_degree`` of visual angle: 67 is a 4K monitor of 0.7 m width seen from 0.7 m. A pixel
+    that is not finite in either image has error 1 and counts as black in its neighbours' filters. """
     a, b = pair(image, reference)
     broken = ~(np.isfinite(a) & np.isfinite(b)).all(axis=2)
     if broken.any():
@@ -95,7 +95,8 @@ def _hyab(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _redistribute(power: np.ndarray) -> np.ndarray:
-    """Maps powered colour distances to [0, 1], most of it for the differences below 0.4 of the greatest (section 4.1.3)."""
+    """Maps powered colour distances to [0, 1], most of it for the differences below 0.4 of the greatest (section
+    4.1.3)."""
     green, blue = (_hunt(_lab(np.array(c))) for c in ([0.0, 1.0, 0.0], [0.0, 0.0, 1.0]))
     greatest = float(_hyab(green, blue)) ** _Q_COLOR
     knee = _P_COLOR * greatest
@@ -104,7 +105,8 @@ def _redistribute(power: np.ndarray) -> np.ndarray:
 
 
 def _features(grey: np.ndarray, ppd: float, order: int) -> np.ndarray:
-    """Magnitude of the first (edges) or second (points) derivative at the width of the eye's detectors (section 4.2)."""
+    """Magnitude of the first (edges) or second (points) derivative at the width of the eye's detectors (section
+    4.2)."""
     sd = 0.5 * _FEATURE_WIDTH * ppd
     radius = int(np.ceil(3.0 * sd))
     x = np.arange(-radius, radius + 1, dtype=np.float64)

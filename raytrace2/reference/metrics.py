@@ -1,7 +1,7 @@
 """How far an image is from a reference: one number each. Arrays are (H, W, 3) linear radiance.
 
-A pixel that is not finite makes the number not finite: a broken image never scores well by having its broken pixels left out.
-"""
+A pixel that is not finite makes the number not finite: a broken image never scores well by having its broken pixels
+left out. """
 
 from __future__ import annotations
 
@@ -29,9 +29,8 @@ def mae(image: npt.ArrayLike, reference: npt.ArrayLike) -> float:
 def relmse(image: npt.ArrayLike, reference: npt.ArrayLike, epsilon: float = 1e-2) -> float:
     """Mean of (image - reference)^2 / (reference^2 + epsilon), which weighs dark pixels like bright ones.
 
-    ``epsilon`` keeps black reference pixels from dominating; its value is that of Rousselle et al., "Adaptive rendering with
-    non-local means filtering" (2012).
-    """
+    ``epsilon`` keeps black reference pixels from dominating; its value is that of Rousselle et al., "Adaptive rendering
+    with non-local means filtering" (2012). """
     a, b = pair(image, reference)
     return float(np.mean((a - b) ** 2 / (b**2 + epsilon)))
 
@@ -43,7 +42,8 @@ def psnr(image: npt.ArrayLike, reference: npt.ArrayLike, peak: float = 1.0) -> f
 
 
 def pair(image: npt.ArrayLike, reference: npt.ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Both images as float64, checked to be of one (H, W, 3) shape with at least one pixel; ``ValueError`` otherwise."""
+    """Both images as float64, checked to be of one (H, W, 3) shape with at least one pixel; ``ValueError``
+    otherwise."""
     a, b = np.asarray(image, dtype=np.float64), np.asarray(reference, dtype=np.float64)
     if a.shape != b.shape:
         raise ValueError(f"images of different shapes cannot be compared: {a.shape} and {b.shape}")

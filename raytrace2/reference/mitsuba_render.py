@@ -27,12 +27,11 @@ _SAMPLES_PER_PASS = 1 << 23
 class Reference:
     """Mitsuba's render of a scene.
 
-    ``batch_means`` is (B, H, W, 3) float32 linear RGB, each an independent image of ``spp / B`` samples a pixel. ``spp`` is
-    what Mitsuba really took (its stratified samplers round up). Seconds: ``seconds_first`` for the first batch, kernel
-    compilation included; ``seconds_best`` for the fastest batch; ``seconds`` for ``spp`` samples at that best pace, which is
-    what a warm render costs; ``seconds_load`` for parsing and building the scene. From the cache they are those of the
-    render that filled it.
-    """
+    ``batch_means`` is (B, H, W, 3) float32 linear RGB, each an independent image of ``spp / B`` samples a pixel.
+    ``spp`` is what Mitsuba really took (its stratified samplers round up). Seconds: ``seconds_first`` for the first
+    batch, kernel compilation included; ``seconds_best`` for the fastest batch; ``seconds`` for ``spp`` samples at that
+    best pace, which is what a warm render costs; ``seconds_load`` for parsing and building the scene. From the cache
+    they are those of the render that filled it. """
 
     batch_means: np.ndarray
     spp: int
@@ -59,7 +58,8 @@ class Reference:
 
 
 def default_cache_dir() -> Path:
-    """``$RAYTRACE2_CACHE``, else the user's cache folder (``$XDG_CACHE_HOME`` or ``~/.cache``) followed by ``raytrace2``."""
+    """``$RAYTRACE2_CACHE``, else the user's cache folder (``$XDG_CACHE_HOME`` or ``~/.cache``) followed by
+    ``raytrace2``."""
     own = os.environ.get("RAYTRACE2_CACHE")
     if own:
         return Path(own)
@@ -81,17 +81,18 @@ def render_reference(
     variant: str = "llvm_ad_rgb",
     cache_dir: str | os.PathLike[str] | None = None,
 ) -> Reference:
-    """Renders ``source`` (path of an XML file, XML text, or Mitsuba dict) with Mitsuba in ``batches`` independent batches.
+    """Renders ``source`` (path of an XML file, XML text, or Mitsuba dict) with Mitsuba in ``batches`` independent
+    batches.
 
-    ``spp`` samples a pixel in all, a multiple of ``batches``. The film is ``size`` (width, height) pixels, or its own size
-    times ``resolution_scale``; a crop window scales along. ``integrator`` is a Mitsuba dict that takes the place of the
-    scene's (``{"type": "path", "max_depth": 3}``), ``sampler`` the name of a sampler plugin that takes the place of the
-    scene's, ``parameters`` the values of an XML scene's ``$parameters``. The user's variant is restored.
+    ``spp`` samples a pixel in all, a multiple of ``batches``. The film is ``size`` (width, height) pixels, or its own
+    size times ``resolution_scale``; a crop window scales along. ``integrator`` is a Mitsuba dict that takes the place
+    of the scene's (``{"type": "path", "max_depth": 3}``), ``sampler`` the name of a sampler plugin that takes the place
+    of the scene's, ``parameters`` the values of an XML scene's ``$parameters``. The user's variant is restored.
 
-    Results are kept in ``cache_dir`` (default: :func:`default_cache_dir`) under a digest of the scene with its files, of all
-    settings and of the versions of Mitsuba and Dr.Jit; a damaged cache file is rendered anew. A dict that holds live Mitsuba
-    objects is rendered every time. ``SceneError`` for a scene that Mitsuba refuses, ``ValueError`` for impossible settings.
-    """
+    Results are kept in ``cache_dir`` (default: :func:`default_cache_dir`) under a digest of the scene with its files,
+    of all settings and of the versions of Mitsuba and Dr.Jit; a damaged cache file is rendered anew. A dict that holds
+    live Mitsuba objects is rendered every time. ``SceneError`` for a scene that Mitsuba refuses, ``ValueError`` for
+    impossible settings. """
     if batches < 1 or spp < 1 or spp % batches:
         raise ValueError(f"spp must be a positive multiple of batches, not spp={spp} with batches={batches}")
     if resolution_scale <= 0.0 or (size is not None and (len(size) != 2 or min(size) < 1)):
@@ -134,8 +135,8 @@ def _render(
     camera.sampler().set_sample_count(spp)
     taken = int(camera.sampler().sample_count())
     # Mitsuba refuses wavefronts of 2^32 samples, and memory ends before that: big batches are split into equal passes.
-    passes = next((n for n in range(1, taken + 1) if taken % n == 0 and width * height * (taken // n) <= _SAMPLES_PER_PASS),
-                  taken)
+    most = max(1, _SAMPLES_PER_PASS // (width * height))
+    passes = next(n for n in range(1, taken + 1) if taken % n == 0 and taken // n <= most)
     extra = {} if integrator is None else {"integrator": integrator}
     means = np.empty((batches, height, width, 3), dtype=np.float32)
     seconds = []
@@ -152,7 +153,8 @@ def _render(
 
 
 def _rgb(image: np.ndarray) -> np.ndarray:
-    """The colour channels: all three, the one of a luminance film three times; alpha and AOVs follow them and are left out."""
+    """The colour channels: all three, the one of a luminance film three times; alpha and AOVs follow them and are left
+    out."""
     return image[..., :3] if image.shape[2] >= 3 else np.repeat(image[..., :1], 3, axis=2)
 
 
@@ -173,7 +175,9 @@ def _read(file: Path, key: str, shape: tuple[int, ...]) -> Reference | None:
         with np.load(file, allow_pickle=False) as stored:
             means, text = stored["batch_means"], str(stored["meta"])
         meta = json.loads(text)
-        if meta.pop("key") != key or means.shape != shape or means.dtype != np.float32:
+        # NumPy does not always read to the end of a member, where zipfile would check its sum.
+        whole = meta.pop("sha256") == hashlib.sha256(means.tobytes()).hexdigest()
+        if not whole or meta.pop("key") != key or means.shape != shape or means.dtype != np.float32:
             return None
         return Reference(batch_means=means, from_cache=True, key=key, **meta)
     except FileNotFoundError:
@@ -184,9 +188,11 @@ def _read(file: Path, key: str, shape: tuple[int, ...]) -> Reference | None:
 
 
 def _write(file: Path, reference: Reference) -> None:
-    """Under a temporary name first, so that no reader ever meets half a file; a disk that refuses costs the cache only."""
+    """Under a temporary name first, so that no reader ever meets half a file; a disk that refuses costs the cache
+    only."""
     meta = {name: getattr(reference, name)
             for name in ("spp", "seconds", "seconds_first", "seconds_best", "seconds_load", "key", "settings")}
+    meta["sha256"] = hashlib.sha256(reference.batch_means.tobytes()).hexdigest()
     temporary: str | None = None
     try:
         file.parent.mkdir(parents=True, exist_ok=True)

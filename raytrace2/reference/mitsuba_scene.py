@@ -19,8 +19,8 @@ Source = str | Path | Mapping[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class ParsedScene:
-    """What Mitsuba's parser made of a source. ``digest`` is None when the source holds live Mitsuba objects, whose content
-    no digest can cover; ``size`` is the (width, height) that sensor's film renders."""
+    """What Mitsuba's parser made of a source. ``digest`` is None when the source holds live Mitsuba objects, whose
+    content no digest can cover; ``size`` is the (width, height) that sensor's film renders."""
 
     state: Any
     config: Any
@@ -31,8 +31,9 @@ class ParsedScene:
 @contextlib.contextmanager
 def mitsuba_variant(variant: str) -> Iterator[Any]:
     """The mitsuba module with ``variant`` set; the caller's variant and file search path are restored on leaving."""
-    import mitsuba as mi
+    import mitsuba
 
+    mi: Any = mitsuba
     before = mi.variant()
     mi.set_variant(variant)
     resolver = mi.file_resolver()
@@ -72,8 +73,8 @@ def parse(
 ) -> ParsedScene:
     """Parses ``source`` (an XML file's path, XML text, or a Mitsuba dict) and settles film size and sampler.
 
-    Every film gets the new size (Mitsuba's scenes often share one between sensors); ``sampler`` replaces the plugin of every
-    sampler. ``SceneError`` for what Mitsuba's parser refuses, ``ValueError`` for a sensor or size that cannot be.
+    Every film gets the new size (Mitsuba's scenes often share one between sensors); ``sampler`` replaces the plugin of
+    every sampler. ``SceneError`` for what Mitsuba's parser refuses, ``ValueError`` for a sensor or size that cannot be.
     """
     parser = mi.parser
     config = parser.ParserConfig(mi.variant())
@@ -129,7 +130,7 @@ def _resize(props: Any, size: tuple[int, int] | None, scale: float) -> None:
         return
     props["width"], props["height"] = int(new[0]), int(new[1])
     for axis, (side, offset) in enumerate((("crop_width", "crop_offset_x"), ("crop_height", "crop_offset_y"))):
-        if props.has_property(side) or props.has_property(offset):
+        if side in props or offset in props:
             ratio = new[axis] / old[axis]
             start = min(round(int(props.get(offset, 0)) * ratio), new[axis] - 1)
             length = max(1, round(int(props.get(side, old[axis])) * ratio))

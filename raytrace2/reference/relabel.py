@@ -1,13 +1,15 @@
-"""Exact p-values by relabelling: which batch came from which renderer must not matter when both sample one distribution.
+"""Exact p-values by relabelling: which batch came from which renderer must not matter when both sample one
+distribution.
 
 A statistic of the true labelling is compared with the same statistic under other labellings of the same batches. Whole
-images carry the labels, so the p-value is exact whatever the noise looks like: heavy tails, fireflies, few batches, pixels
-that the reconstruction filter correlates (Pitman 1937; early stopping after Besag and Clifford 1991). Statistics are
-studentised, which keeps the test nearly exact when the two sides agree in mean but differ in variance (Janssen 1997).
-"""
+images carry the labels, so the p-value is exact whatever the noise looks like: heavy tails, fireflies, few batches,
+pixels that the reconstruction filter correlates (Pitman 1937; early stopping after Besag and Clifford 1991). Statistics
+are studentised, which keeps the test nearly exact when the two sides agree in mean but differ in variance (Janssen
+1997). """
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from dataclasses import dataclass
@@ -22,14 +24,15 @@ _STOP_AFTER = 20
 
 @dataclass(frozen=True, eq=False)
 class Labellings:
-    """Rows of ``members`` mark the batches called ours; row 0 is the truth. ``exhaustive``: every labelling is there once
-    (swapping the two names is no other labelling when both sides have as many batches)."""
+    """Rows of ``members`` mark the batches called ours; row 0 is the truth. ``exhaustive``: every labelling is there
+    once (swapping the two names is no other labelling when both sides have as many batches)."""
 
     members: np.ndarray
     ours: int
     exhaustive: bool
 
 
+@functools.lru_cache(maxsize=4)
 def labellings(ours: int, reference: int, alpha: float, seed: int) -> Labellings:
     """All labellings when there are few, else a random sample of 2 / ``alpha`` of them.
 
@@ -64,11 +67,11 @@ def distinct(ours: int, reference: int) -> int:
 
 
 def relabelling_counts(columns: np.ndarray, margin: np.ndarray, threshold: float, labels: Labellings) -> np.ndarray:
-    """For each labelling, how many columns have |z| of Welch's t at or above ``threshold``; element 0 is the truth's count.
+    """For each labelling, how many columns have |z| of Welch's t at or above ``threshold``; element 0 is the truth's
+    count.
 
-    ``columns``: (batches, m) values, ours first; ``margin``: (m,) differences too small to count. Stops early, with a shorter
-    array, when so many labellings count as much as the truth that the p-value can no longer be small.
-    """
+    ``columns``: (batches, m) values, ours first; ``margin``: (m,) differences too small to count. Stops early, with a
+    shorter array, when so many labellings count as much as the truth that the p-value can no longer be small. """
     x = columns - columns.mean(axis=0, dtype=np.float64)
     size = np.abs(x).max(axis=0)
     kept = size > 0.0
@@ -96,11 +99,11 @@ def relabelling_pvalue(counts: np.ndarray) -> float:
 
 
 def _screening_bound(n: int, ours: int, threshold: float) -> float:
-    """The least |sum of ours| / root of the sum of squares, of a centred column, at which Welch's |z| can reach ``threshold``.
+    """The least |sum of ours| / root of the sum of squares, of a centred column, at which Welch's |z| can reach
+    ``threshold``.
 
-    z grows with the degrees of freedom, which are n - 2 at most. Welch's squared standard error is at least the pooled one
-    over ``ratio``, reached when all the variance lies on one side; pooled t is a function of the sum alone.
-    """
+    z grows with the degrees of freedom, which are n - 2 at most. Welch's squared standard error is at least the pooled
+    one over ``ratio``, reached when all the variance lies on one side; pooled t is a function of the sum alone. """
     reference = n - ours
     df = n - 2.0
     ratio = max(ours - 1, reference - 1) / df * n / min(ours, reference)

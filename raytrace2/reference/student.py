@@ -7,7 +7,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-# Lanczos' approximation of log gamma, g = 7, nine terms (Godfrey's coefficients): relative error below 1e-14 for x >= 0.5.
+# Lanczos' approximation of log gamma, g = 7, nine terms (Godfrey's coefficients): relative error below 1e-14 for x >=
+# 0.5.
 _LANCZOS = (
     0.99999999999980993, 676.5203681218851, -1259.1392167224028, 771.32342877765313, -176.61502916214059,
     12.507343278686905, -0.13857109526572012, 9.9843695780195716e-6, 1.5056327351493116e-7,
@@ -41,8 +42,8 @@ def incomplete_beta(a: np.ndarray, b: np.ndarray, x: np.ndarray) -> np.ndarray:
 def binomial_quantile(n: float, probability: float, alpha: float) -> float:
     """The smallest share s with P(X >= s n) <= ``alpha`` for X ~ Binomial(n, ``probability``); ``n`` need not be whole.
 
-    P(X >= k) = I_p(k, n - k + 1), which also interpolates between whole k. 1 when even all n successes are likelier than alpha.
-    """
+    P(X >= k) = I_p(k, n - k + 1), which also interpolates between whole k. 1 when even all n successes are likelier
+    than alpha. """
     if n <= 0.0 or probability >= 1.0:
         return 1.0
     low, high = min(max(0.5, n * probability), n), n
@@ -59,7 +60,7 @@ def binomial_quantile(n: float, probability: float, alpha: float) -> float:
 
 
 def t_to_z(t: np.ndarray, df: np.ndarray | float) -> np.ndarray:
-    """|z| of the normal distribution as unlikely as |t| (Wallace 1959): within 1 % for df >= 3, at any size of t."""
+    """|z| of the normal distribution as unlikely as |t| (Wallace 1959): within 1 % for df >= 7, 3 % for df >= 3."""
     return (8.0 * df + 1.0) / (8.0 * df + 3.0) * np.sqrt(df * np.log1p(t * t / df))
 
 

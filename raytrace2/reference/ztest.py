@@ -1,16 +1,16 @@
 """Do two renders of one scene differ by more than noise?
 
-Both sides give independent batches of the same number of samples a pixel. Four questions are asked, each at a quarter of the
-false-alarm rate (Bonferroni), and the renders are consistent when none is answered with no:
+Both sides give independent batches of the same number of samples a pixel. Four questions are asked, each at a quarter
+of the false-alarm rate (Bonferroni), and the renders are consistent when none is answered with no:
 
 - *exact*: are there pixels on which neither side varies, but which differ?
 - *pixels*: is the share of pixels whose Welch t-test fails at p < 0.01 greater than chance explains?
-- *tiles*: does the mean of any window of 8, 16 or 32 pixels (more in big images) differ? Averaging finds a small bias that
-  no pixel shows.
+- *tiles*: does the mean of any window of 8, 16 or 32 pixels (more in big images) differ? Averaging finds a small bias
+  that no pixel shows.
 - *mean*: does the mean of the whole image differ, in any channel or in luminance?
 
-The last three are judged by relabelling batches (:mod:`.relabel`), which needs no assumption about the noise.
-"""
+The last three are judged by relabelling batches (:mod:`.relabel`), which needs no assumption about the noise but that
+both sides have the same; where they need not, Welch's t must agree. """
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from .metrics import LUMINANCE
 from .relabel import Labellings, distinct, labellings, relabelling_counts, relabelling_pvalue, welch_t, welch_z
-from .student import binomial_quantile, t_pvalue
+from .student import binomial_quantile, normal_pvalue, t_pvalue
 from .windows import Windows, window_means, windows
 
 FAILING_P = 0.01
@@ -29,8 +29,9 @@ _FAILING_Z = 2.5758293035489004
 _WINDOW_SIZES = (8, 16, 32)
 _WINDOWS_AT_MOST = 12_000
 _PIXELS_RELABELLED = 1 << 15
-# Welch's approximation is off by a few per cent in the tail when one side is much noisier: a share of failing pixels
-# that exceeds chance by less than this factor is no evidence.
+# Relabelling overstates the noise of each side when one is much noisier, so that p itself bounds the share from below;
+# and Welch's approximation is off by a few per cent then: a share that exceeds chance by less than this factor is no
+# evidence.
 _SHARE_SLACK = 1.25
 
 
@@ -39,15 +40,15 @@ class NoiseTest:
     """The verdict and every figure it rests on. ``false_alarm_rate``: the chance that ``consistent`` is False for two
     renderers that sample the same distribution.
 
-    ``failing_share``: share of pixels whose luminance fails at p < 0.01, ``chance_share``: what relabelled batches give,
-    ``failing_bound``: what a binomial distribution of ``effective_pixels`` independent pixels exceeds too rarely to believe;
-    ``failing_share_rgb`` is the share per channel. ``p_*`` are the p-values of the four questions, each to be compared with
-    ``false_alarm_rate / 4``. ``worst_tile``: (y0, x0, y1, x1) of the window with the greatest |z|, ``worst_tile_z``.
-    ``mean_difference``: (ours - reference) / reference of the image mean per channel, ``mean_z`` its z. ``mismatched_pixels``:
-    pixels that are constant on both sides and differ; ``nonfinite_pixels``: ours not finite where the reference is finite;
-    ``unjudged_pixels``: the reference itself is not finite. Maps: ``z`` (H, W, 4) signed z of ours - reference per channel
-    and luminance, ``p`` (H, W, 4) its p-values, ``failing`` (H, W) bool. ``reasons`` says in words what failed.
-    """
+    ``failing_share``: share of pixels whose luminance fails at p < 0.01, ``chance_share``: what relabelled batches
+    give, ``failing_bound``: what a binomial distribution of ``effective_pixels`` independent pixels exceeds too rarely
+    to believe; ``failing_share_rgb`` is the share per channel. ``p_*`` are the p-values of the four questions, each to
+    be compared with ``false_alarm_rate / 4``. ``worst_tile``: (y0, x0, y1, x1) of the window with the greatest |z|,
+    ``worst_tile_z``. ``mean_difference``: (ours - reference) / reference of the image mean per channel, ``mean_z`` its
+    z. ``mismatched_pixels``: pixels that are constant on both sides and differ; ``nonfinite_pixels``: ours not finite
+    where the reference is finite; ``unjudged_pixels``: the reference itself is not finite. Maps: ``z`` (H, W, 4) signed
+    z of ours - reference per channel and luminance, ``p`` (H, W, 4) its p-values, ``failing`` (H, W) bool. ``reasons``
+    says in words what failed. """
 
     consistent: bool
     false_alarm_rate: float
@@ -75,14 +76,20 @@ class NoiseTest:
 
 
 def ztest(
-    ours: npt.ArrayLike, reference: npt.ArrayLike, *, false_alarm_rate: float = 1e-3, tolerance: float = 1e-4, seed: int = 0
+    ours: npt.ArrayLike,
+    reference: npt.ArrayLike,
+    *,
+    false_alarm_rate: float = 1e-3,
+    tolerance: float = 1e-4,
+    seed: int = 0,
 ) -> NoiseTest:
-    """Tests batch means (B, H, W, 3) of ours against those of the reference; B may differ, 8 and 8 is the least at 1e-3.
+    """Tests batch means (B, H, W, 3) of ours against those of the reference; B may differ, 8 and 8 is the least at
+    1e-3.
 
     Every batch must be of the same number of samples a pixel on both sides: then the false-alarm rate is exact for
     renderers whose samples are alike, and approximate when one is noisier. ``tolerance``: a relative difference that is
-    rounding, not error. Sums of n float32 radiances err by about sqrt(n) 6e-8 and in the worst case by n 6e-8, and films add
-    a few thousand weighted samples a pixel, so that 1e-4 covers both sides. ``seed`` chooses the labellings.
+    rounding, not error. Sums of n float32 radiances err by about sqrt(n) 6e-8 and in the worst case by n 6e-8, and
+    films add a few thousand weighted samples a pixel, so that 1e-4 covers both sides. ``seed`` chooses the labellings.
     """
     a, b = (np.asarray(v, dtype=np.float32) for v in (ours, reference))
     if a.ndim != 4 or a.shape[3] != 3 or a.shape[1:] != b.shape[1:] or 0 in a.shape or 0 in b.shape:
@@ -92,8 +99,7 @@ def ztest(
     labels = labellings(na, nb, each, seed)
 
     batches = np.concatenate([a, b])
-    broken_ours = ~np.isfinite(a).all(axis=(0, 3))
-    broken_reference = ~np.isfinite(b).all(axis=(0, 3))
+    broken_ours, broken_reference = (np.asarray(~np.isfinite(side).all(axis=(0, 3))) for side in (a, b))
     broken = broken_ours | broken_reference
     if broken.any():
         batches = np.where(broken[..., None], np.float32(0.0), batches)
@@ -109,7 +115,7 @@ def ztest(
 
     p_pixels, chance = _relabel_pixels(batches[..., 3], tolerance, floor, labels)
     effective = judged / _correlation_inflation(batches[..., 3], na)
-    bound = binomial_quantile(effective, min(1.0, _SHARE_SLACK * chance), each)
+    bound = binomial_quantile(effective, min(1.0, _SHARE_SLACK * max(chance, FAILING_P)), each)
 
     enlarge = 1
     while batches.shape[1] * batches.shape[2] / (4 * enlarge) ** 2 > _WINDOWS_AT_MOST:
@@ -145,8 +151,8 @@ def _moments(batches: np.ndarray, na: int) -> tuple[np.ndarray, np.ndarray, np.n
     """Signed difference of the means, and the squared standard error of each."""
     a, b = batches[:na], batches[na:]
     difference = a.mean(axis=0, dtype=np.float64) - b.mean(axis=0, dtype=np.float64)
-    errors = (side.var(axis=0, ddof=1, dtype=np.float64) / len(side) for side in (a, b))
-    return difference, *errors  # type: ignore[return-value]
+    va, vb = (side.var(axis=0, ddof=1, dtype=np.float64) / len(side) for side in (a, b))
+    return difference, va, vb
 
 
 def _margin(batches: np.ndarray, tolerance: float, floor: float) -> np.ndarray:
@@ -168,9 +174,8 @@ def _pixels(batches: np.ndarray, na: int, tolerance: float, floor: float) -> tup
 def _exact(batches: np.ndarray, na: int, tolerance: float, floor: float) -> tuple[np.ndarray, float]:
     """Pixels that do not vary on either side yet differ, and the exact p-value of finding so many.
 
-    A labelling finds such a pixel when it splits the batches just where the pixel's two values do. So the p-value is the
-    number of splits that occur at least as often as the true one, over the number of labellings.
-    """
+    A labelling finds such a pixel when it splits the batches just where the pixel's two values do. So the p-value is
+    the number of splits that occur at least as often as the true one, over the number of labellings. """
     n = len(batches)
     low, high = batches.min(axis=0), batches.max(axis=0)
     upper = batches > 0.5 * (low + high)
@@ -186,13 +191,14 @@ def _exact(batches: np.ndarray, na: int, tolerance: float, floor: float) -> tupl
     mismatched[candidate] = (splits == truth).all(axis=1)
     found = int(mismatched.sum())
     if found == 0:
-        return mismatched.any(axis=2), 1.0
+        return np.asarray(mismatched.any(axis=2)), 1.0
     _, occurrences = np.unique(splits, axis=0, return_counts=True)
-    return mismatched.any(axis=2), min(1.0, int((occurrences >= found).sum()) / distinct(na, n - na))
+    return np.asarray(mismatched.any(axis=2)), min(1.0, int((occurrences >= found).sum()) / distinct(na, n - na))
 
 
 def _relabel_pixels(luminance: np.ndarray, tolerance: float, floor: float, labels: Labellings) -> tuple[float, float]:
-    """p-value of the number of failing pixels, and the share that fails by chance. Big images are thinned out evenly."""
+    """p-value of the number of failing pixels, and the share that fails by chance. Big images are thinned out
+    evenly."""
     columns = luminance.reshape(len(luminance), -1)
     columns = columns[:, :: -(-columns.shape[1] // _PIXELS_RELABELLED)]
     counts = relabelling_counts(columns, _margin(columns, tolerance, floor), _FAILING_Z, labels)
@@ -200,19 +206,27 @@ def _relabel_pixels(luminance: np.ndarray, tolerance: float, floor: float, label
 
 
 def _relabel_greatest(columns: np.ndarray, margin: np.ndarray, z: np.ndarray, labels: Labellings) -> float:
-    """p-value of the greatest |z| of all columns. Rounding must not make a labelling that ties with the truth look smaller."""
-    greatest = float(np.abs(z).max()) * (1.0 - 1e-6)
-    return 1.0 if greatest == 0.0 else relabelling_pvalue(relabelling_counts(columns, margin, greatest, labels))
+    """p-value of the greatest |z| of all columns.
+
+    Relabelling is exact when both sides are alike but too eager when one is much noisier; Welch's t with Bonferroni's
+    correction is the other way round, sound for means of many pixels whatever their variances. The greater p is right
+    in both cases.
+    """
+    greatest = float(np.abs(z).max())
+    welch = min(1.0, z.size * normal_pvalue(greatest))
+    if greatest == 0.0:
+        return 1.0
+    # Rounding must not make a labelling that ties with the truth look smaller.
+    return max(welch, relabelling_pvalue(relabelling_counts(columns, margin, greatest * (1.0 - 1e-6), labels)))
 
 
 def _correlation_inflation(luminance: np.ndarray, na: int, reach: int = 4) -> float:
     """By how much the pixels' correlation raises the variance of the number of failing pixels.
 
-    "Fails" is an even function of the difference, so its expansion in Hermite polynomials starts with the second, and by
-    Mehler's formula two pixels whose noise correlates by r have "fails" correlated by at most r^2. The variance of the count
-    thus grows by at most the sum of r^2 over the neighbourhood: 1.6 for Mitsuba's default filter. r is measured on the
-    residuals of batches from their mean.
-    """
+    "Fails" is an even function of the difference, so its expansion in Hermite polynomials starts with the second, and
+    by Mehler's formula two pixels whose noise correlates by r have "fails" correlated by at most r^2. The variance of
+    the count thus grows by at most the sum of r^2 over the neighbourhood: 1.6 for Mitsuba's default filter. r is
+    measured on the residuals of batches from their mean. """
     residuals = []
     for side in (luminance[:na], luminance[na:]):
         deviation = side.std(axis=0)
@@ -252,8 +266,8 @@ def _mean(
     margin = _margin(means, tolerance, 0.0)
     z = _signed_z(means, na, margin)
     p = _relabel_greatest(means, margin, z, labels)
-    theirs = means[na:].mean(axis=0)[:3]
+    own, theirs = means[:na].mean(axis=0)[:3], means[na:].mean(axis=0)[:3]
     with np.errstate(divide="ignore", invalid="ignore"):
-        relative = np.where(theirs == 0.0, np.inf * means[:na].mean(axis=0)[:3], means[:na].mean(axis=0)[:3] / theirs - 1.0)
+        relative = np.where(theirs == 0.0, np.inf * own, own / theirs - 1.0)
     relative = np.nan_to_num(relative, nan=0.0)
     return p, tuple(float(v) for v in z), tuple(float(v) for v in relative)  # type: ignore[return-value]
