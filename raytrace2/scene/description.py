@@ -266,7 +266,7 @@ class ReconstructionFilter:
 
 @dataclass(frozen=True)
 class Film:
-    """The whole image is ``width`` x ``height``, of which the crop window is rendered. ``pixel_format``: rgb, luminance."""
+    """The image is ``width`` x ``height``, of which the crop window is rendered. ``pixel_format``: rgb or luminance."""
 
     width: int = 768
     height: int = 576

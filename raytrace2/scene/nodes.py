@@ -33,8 +33,14 @@ class LiveObject:
     value: Any
 
 
+@dataclass(frozen=True, eq=False)
+class DistortedTransform:
+    """A transform whose inverse, as Mitsuba keeps it, is not that of its matrix: a ``<rotate>`` about an axis that is
+    not of unit length. Mitsuba neither makes the axis unit nor notices, and gets normals and inverses wrong."""
+
+
 # float, int, bool, str; (3,) arrays for points and vectors; (4, 4) arrays for transforms
-Value: TypeAlias = float | int | bool | str | np.ndarray | Color | SpectrumSamples | LiveObject
+Value: TypeAlias = float | int | bool | str | np.ndarray | Color | SpectrumSamples | LiveObject | DistortedTransform
 
 
 @dataclass(eq=False)

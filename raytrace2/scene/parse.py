@@ -18,7 +18,7 @@ import numpy as np
 
 from ..errors import Location, Problem, SceneError
 from .mitsuba_messages import problem_from_message
-from .nodes import Color, LiveObject, Node, ParsedScene, SpectrumSamples, Value
+from .nodes import Color, DistortedTransform, LiveObject, Node, ParsedScene, SpectrumSamples, Value
 from .xml_text import MAX_DEPTH, SETTING_PREFIX, check_depth, settings_in
 
 STRING_SOURCE = "<string>"
@@ -94,11 +94,11 @@ def _parse(
             for key, value in settings_in(xml).items():
                 settings.setdefault(key, value)
         root = _nodes(state, files, texts)
-    plugins = Path(mi.__file__).parent / "plugins"
+    known = {file.stem for file in (Path(mi.__file__).parent / "plugins").glob("*.*")}
     return ParsedScene(
         root=root,
         resolve=lambda name: str(resolver.resolve(name)),
-        is_plugin=lambda name: not plugins.is_dir() or any(plugins.glob(f"{re.escape(name)}.*")),
+        is_plugin=lambda name: not known or name in known,
         source=None if source in (STRING_SOURCE, DICT_SOURCE) else source,
         settings=settings,
     )
@@ -209,11 +209,22 @@ def _value(props: Any, name: str, kind: Any, types: Any) -> Value:
     if kind == types.Spectrum:
         return SpectrumSamples(tuple(value.wavelengths), tuple(value.values))
     if kind == types.Transform:
-        return np.array(value.matrix, dtype=np.float64)
+        return _transform(np.array(value.matrix, np.float64), np.array(value.inverse_transpose, np.float64))
     if kind in (types.Object, types.Any):
         return LiveObject(value)
     plain: Value = value
     return plain
+
+
+def _transform(matrix: np.ndarray, inverse_transpose: np.ndarray) -> Value:
+    linear, given = matrix[:3, :3], inverse_transpose[:3, :3]
+    if np.isfinite(matrix).all() and np.isfinite(given).all():
+        product = linear @ given.T
+        # 1e-3 tells an axis of the wrong length from the rounding of float32, also of ill-conditioned matrices
+        scale = np.abs(linear) @ np.abs(given.T)
+        if (np.abs(product - np.eye(3)) > 1e-3 * np.maximum(scale, 1.0)).any():
+            return DistortedTransform()
+    return matrix
 
 
 def _cycles(nodes: list[Node]) -> list[Problem]:

@@ -107,11 +107,8 @@ def _mask(properties: PropertyReader, depth: int) -> Bsdf:
 
 
 def _transmits(bsdf: Bsdf) -> bool:
-    if isinstance(bsdf, TwoSidedBsdf):
-        return _transmits(bsdf.front) or _transmits(bsdf.back)
-    if isinstance(bsdf, MaskBsdf):
-        return _transmits(bsdf.nested)
-    return isinstance(bsdf, DielectricBsdf | ThinDielectricBsdf)
+    # What a twosided holds has been checked when it was read
+    return isinstance(bsdf, DielectricBsdf | ThinDielectricBsdf | MaskBsdf)
 
 
 _READERS = {

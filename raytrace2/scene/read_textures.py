@@ -54,12 +54,7 @@ def read_texture(node: Node, reading: Reading, role: Role) -> Texture:
 
 def to_uv(properties: PropertyReader) -> np.ndarray:
     """The 3x3 uv transform: the upper left 2x2 block and the translation of the 4x4 one, as Mitsuba takes it."""
-    whole = properties.raw("to_uv")
-    if whole is None:
-        return _frozen(np.eye(3))
-    if not isinstance(whole, np.ndarray) or whole.shape != (4, 4) or not np.isfinite(whole).all():
-        properties.reading.refuse(properties.node, "property 'to_uv' must be a finite transform")
-        return _frozen(np.eye(3))
+    whole = properties.transform("to_uv", invertible=False)
     matrix = np.eye(3)
     matrix[:2, :2] = whole[:2, :2]
     matrix[:2, 2] = whole[:2, 3]

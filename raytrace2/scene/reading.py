@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import FileError, Problem
 from .defaults import DEFAULTS
-from .nodes import Node, Value
+from .nodes import DistortedTransform, Node, Value
 
 T = TypeVar("T")
 
@@ -149,17 +149,21 @@ class PropertyReader:
             return self._wrong(name, "three numbers", value, np.zeros(3))
         return value if np.isfinite(value).all() else self._wrong(name, "finite", value.tolist(), np.zeros(3))
 
-    def transform(self, name: str = "to_world") -> np.ndarray:
-        """An invertible affine 4x4 matrix; the identity if it is not written."""
+    def transform(self, name: str = "to_world", *, invertible: bool = True) -> np.ndarray:
+        """A finite affine 4x4 matrix; the identity if it is not written."""
         value = self.raw(name)
         if value is None:
+            return np.eye(4)
+        if isinstance(value, DistortedTransform):
+            remedy = "make x, y, z of <rotate> a unit vector: Mitsuba does not"
+            self.reading.refuse(self.node, f"'{name}' rotates about an axis that is not of unit length", remedy)
             return np.eye(4)
         if not isinstance(value, np.ndarray) or value.shape != (4, 4):
             return self._wrong(name, "a transform", value, np.eye(4))
         if not np.isfinite(value).all():
             return self._wrong(name, "finite (is a lookat's target at its origin, or its up along the view?)",
                                None, np.eye(4))  # fmt: skip
-        if is_singular(value[:3, :3]):
+        if invertible and is_singular(value[:3, :3]):
             return self._wrong(name, "invertible (is a scale zero?)", None, np.eye(4))
         return value
 

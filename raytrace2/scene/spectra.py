@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from .nodes import Color, LiveObject, SpectrumSamples, Value
+from .nodes import Color, DistortedTransform, LiveObject, SpectrumSamples, Value
 from .parse import file_resolver, mitsuba_types
 
 # What the spectrum is for: a reflectance lies in [0, 1]; an emission is not weighted by the D65 illuminant
@@ -19,15 +19,15 @@ Role = Literal["reflectance", "unbounded", "emission"]
 RGB = tuple[float, float, float]
 
 _CARRIERS = {
-    "reflectance": ("diffuse", "BSDF", "reflectance"),
-    "unbounded": ("conductor", "BSDF", "eta"),
-    "emission": ("point", "Emitter", "intensity"),
+    "reflectance": ("diffuse", "reflectance"),
+    "unbounded": ("conductor", "eta"),
+    "emission": ("point", "intensity"),
 }
 
 
 def constant_rgb(value: Value, role: Role) -> RGB:
     """The RGB triple (float32 values) of a number, colour or spectrum; ``ValueError`` if ``role`` cannot have it."""
-    if isinstance(value, bool) or isinstance(value, str | np.ndarray | LiveObject):
+    if isinstance(value, bool | str | np.ndarray | LiveObject | DistortedTransform):
         raise ValueError("a number, an rgb colour or a spectrum is needed")
     if isinstance(value, int | float):
         rgb = _single((float(value),) * 3)
@@ -48,20 +48,19 @@ def spectrum_rgb(spectrum: SpectrumSamples, role: Role) -> RGB:
     """The RGB triple of a tabulated or uniform spectrum."""
     if not all(math.isfinite(v) for v in (*spectrum.values, *spectrum.wavelengths)):
         raise ValueError("the spectrum has values that are not finite")
-    mi, _ = mitsuba_types()
+    value: Any = spectrum.values[0]
     if spectrum.wavelengths:
-        value = mi.Spectrum(list(spectrum.wavelengths), list(spectrum.values))
-    else:
-        value = mi.Spectrum(spectrum.values[0])
-    plugin, kind, name = _CARRIERS[role]
-    return _triple(plugin_parameters(plugin, kind, {name: value})[f"{name}.value"])
+        value = list(zip(spectrum.wavelengths, spectrum.values, strict=True))
+    plugin, name = _CARRIERS[role]
+    entry = {"type": plugin, name: {"type": "spectrum", "value": value}}
+    return _triple(plugin_parameters(entry)[f"{name}.value"])
 
 
 def conductor_rgb(material: str) -> tuple[RGB, RGB]:
     """``eta`` and ``k`` of a conductor that Mitsuba knows by name, such as ``Al``; ``ValueError`` for others."""
     if material not in (names := material_names()):
         raise ValueError(f"the material '{material}' is unknown, known are: none, {', '.join(names)}")
-    found = plugin_parameters("conductor", "BSDF", {"material": material})
+    found = plugin_parameters({"type": "conductor", "material": material})
     return _triple(found["eta.value"]), _triple(found["k.value"])
 
 
@@ -73,20 +72,15 @@ def material_names() -> list[str]:
     return sorted(file.name.removesuffix(".eta.spd") for file in folder.glob("*.eta.spd"))
 
 
-def plugin_parameters(plugin: str, kind: str, properties: dict[str, Any]) -> dict[str, Any]:
-    """The parameters, as ``mi.traverse`` names them, of a plugin instantiated alone in the ``scalar_rgb`` variant."""
+def plugin_parameters(entry: dict[str, Any]) -> dict[str, Any]:
+    """The parameters, as ``mi.traverse`` names them, of the dict ``entry`` instantiated alone as ``scalar_rgb``."""
     mi, variant = mitsuba_types()
-    node = mi.parser.SceneNode()
-    node.type = getattr(mi.ObjectType, kind)
-    node.props = mi.Properties(plugin)
-    for name, value in properties.items():
-        node.props[name] = value
-    state = mi.parser.ParserState()
-    state.nodes.append(node)
     config = mi.parser.ParserConfig("scalar_rgb")
     config.parallel = False
     try:
         with file_resolver(None):
+            state = mi.parser.parse_dict(config, entry)
+            mi.parser.transform_resolve(config, state)
             instance = mi.parser.instantiate(config, state)
     except RuntimeError as error:
         raise ValueError(" ".join(str(error).rsplit("]", 1)[-1].split())) from None
