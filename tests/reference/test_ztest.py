@@ -59,7 +59,8 @@ def _detected(ours: np.ndarray, reference: np.ndarray) -> NoiseTest:
 
 @pytest.mark.parametrize("batches", [8, 16])
 def test_finds_an_object_that_is_one_per_cent_too_bright(batches: int) -> None:
-    # 64 samples a pixel with a relative deviation of 10 % each: directly lit surfaces are about that noisy.
+    # 64 samples a pixel that deviate by 10 % each: a calm scene. What matters is the bias
+    # over the standard error of a window's mean, which has to exceed 6 or so; noisier scenes need more samples.
     rng = np.random.default_rng(5)
     relative = 0.10 / np.sqrt(64 / batches)
     reference, ours = (_noise(rng, "gaussian", batches, (64, 80), relative) for _ in range(2))
