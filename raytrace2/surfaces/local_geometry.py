@@ -10,12 +10,13 @@ import drjit as dr
 
 from ..types import types_of
 from . import record
+from .frame import coordinate_system
 
 
 @dataclass
 class LocalGeometry:
-    """Position and a bound on its rounding error (per component), geometric and shading normal (both of unit length), uv and
-    the derivatives of position by u and v."""
+    """Position and a bound on its rounding error (per component), geometric and shading normal (both of unit length),
+    uv and the derivatives of position by u and v."""
 
     p: Any
     error: Any
@@ -43,17 +44,31 @@ class LocalGeometry:
 
 
 def on_triangle(
-    positions: list[Any], normals: list[Any] | None, uvs: list[Any] | None, smooth: Any, textured: Any, prim_uv: Any
+    p: Any,
+    positions: list[Any],
+    normals: list[Any] | None,
+    uvs: list[Any] | None,
+    smooth: Any,
+    textured: Any,
+    prim_uv: Any,
 ) -> LocalGeometry:
-    """A point on a triangle by its barycentric weights ``prim_uv`` of vertices 1 and 2. ``smooth`` and ``textured`` say which
-    lanes have normals and uv; without uv the parameterisation is barycentric."""
+    """A point on a triangle by its barycentric weights ``prim_uv`` of vertices 1 and 2, whose derivatives are those of ``p``.
+
+    ``smooth`` and ``textured`` say which lanes have normals and uv; without uv the parameterisation is barycentric.
+    """
     p0, p1, p2 = positions
-    b1, b2 = prim_uv.x, prim_uv.y
     e1, e2 = p1 - p0, p2 - p0
-    p = dr.fma(e1, b1, dr.fma(e2, b2, p0))
     across = dr.cross(e1, e2)
     area = dr.squared_norm(across)
-    n = across * dr.rsqrt(dr.select(area > 0, area, 1))
+    thick = area > 0
+    if dr.grad_enabled(p):
+        inverse_area = dr.rcp(dr.select(thick, area, 1))
+        arm = p - p0
+        moving = dr.dot(arm, dr.cross(e2, across)), dr.dot(arm, dr.cross(across, e1))
+        prim_uv = dr.replace_grad(prim_uv, type(prim_uv)(*moving) * inverse_area)
+    b1, b2 = prim_uv.x, prim_uv.y
+    p = dr.fma(e1, b1, dr.fma(e2, b2, p0))
+    n = across * dr.rsqrt(dr.select(thick, area, 1))
     sh_n = n
     if normals is not None:
         n0, n1, n2 = normals
@@ -67,10 +82,12 @@ def on_triangle(
         d1, d2 = uv1 - uv0, uv2 - uv0
         determinant = d1.x * d2.y - d1.y * d2.x
         regular = determinant != 0
-        inverse = dr.select(regular, dr.rcp(dr.select(regular, determinant, 1)), 0)
+        inverse = dr.rcp(dr.select(regular, determinant, 1))
+        # Where uv does not span the triangle, any basis of its plane will do.
+        any_u, any_v = coordinate_system(n)
         uv = dr.select(textured, dr.fma(d1, b1, dr.fma(d2, b2, uv0)), uv)
-        dp_du = dr.select(textured, (e1 * d2.y - e2 * d1.y) * inverse, dp_du)
-        dp_dv = dr.select(textured, (e2 * d1.x - e1 * d2.x) * inverse, dp_dv)
+        dp_du = dr.select(textured, dr.select(regular, (e1 * d2.y - e2 * d1.y) * inverse, any_u), dp_du)
+        dp_dv = dr.select(textured, dr.select(regular, (e2 * d1.x - e1 * d2.x) * inverse, any_v), dp_dv)
     # What interpolation adds up, and the shear and the edge functions of the ray test that the next ray meets here again.
     sizes = abs(p0) + 2 * (abs(e1) + abs(e2))
     error = dr.fmax(dr.fmax(sizes.x, sizes.y), sizes.z) * (8 * types_of(p).epsilon)
@@ -94,38 +111,35 @@ def on_sphere(p: Any, _: Any, to_world: Any, to_local: Any, side: Any) -> LocalG
     cos_phi, sin_phi = local.x / axis, local.y / axis
     dp_dv = dr.select(off_axis, Vector(local.z * cos_phi, local.z * sin_phi, -axis), Vector(1, 0, 0)) * dr.pi
     uv = _pair(p, u, v)
-    return LocalGeometry(center + arm, to_world.error(local, 0), n, n, uv, to_world.vector(dp_du), to_world.vector(dp_dv))
+    error = to_world.error(local, 0)
+    return LocalGeometry(center + arm, error, n, n, uv, to_world.vector(dp_du), to_world.vector(dp_dv))
 
 
 def on_rectangle(p: Any, local: Any, to_world: Any, to_local: Any, side: Any) -> LocalGeometry:
     """u and v run from 0 to 1 with local x and y."""
-    Vector = type(p)
-    n = _plane_normal(to_local, side, Vector)
-    at = to_world.point(Vector(local.x, local.y, 0))
-    return LocalGeometry(
-        at, to_world.error(Vector(local.x, local.y, 0), 0), n, n, dr.fma(local, 0.5, 0.5), to_world.vector(Vector(2, 0, 0)), to_world.vector(Vector(0, 2, 0))
-    )
+    at = _on_plane(p, local, to_local)
+    dp_du, dp_dv = to_world.vector(type(p)(2, 0, 0)), to_world.vector(type(p)(0, 2, 0))
+    # Where to_world mirrors, the shading normal is opposite, as in Mitsuba: there a rectangle is a mesh with normals.
+    n = dr.normalize(dr.cross(dp_du, dp_dv)) * side
+    uv = _pair(p, dr.fma(at.x, 0.5, 0.5), dr.fma(at.y, 0.5, 0.5))
+    error = to_world.error(at, 0)
+    return LocalGeometry(to_world.point(at), error, n, _plane_normal(to_local, side, type(p)), uv, dp_du, dp_dv)
 
 
 def on_disk(p: Any, local: Any, to_world: Any, to_local: Any, side: Any) -> LocalGeometry:
     """u is the distance from the centre, v the azimuth over 2 pi."""
     Vector = type(p)
+    at = _on_plane(p, local, to_local)
     n = _plane_normal(to_local, side, Vector)
-    radius_2 = dr.fma(local.x, local.x, local.y * local.y)
+    radius_2 = dr.fma(at.x, at.x, at.y * at.y)
     off_center = radius_2 > 0
     inverse = dr.select(off_center, dr.rsqrt(dr.select(off_center, radius_2, 1)), 0)
-    cos_phi, sin_phi = dr.select(off_center, local.x * inverse, 1), local.y * inverse
-    turns = dr.atan2(local.y, dr.select(off_center, local.x, 1)) * dr.inv_two_pi
+    cos_phi, sin_phi = dr.select(off_center, at.x * inverse, 1), at.y * inverse
+    turns = dr.atan2(at.y, dr.select(off_center, at.x, 1)) * dr.inv_two_pi
     uv = _pair(p, radius_2 * inverse, dr.select(turns < 0, turns + 1, turns))
-    return LocalGeometry(
-        to_world.point(Vector(local.x, local.y, 0)),
-        to_world.error(Vector(local.x, local.y, 0), 0),
-        n,
-        n,
-        uv,
-        to_world.vector(Vector(cos_phi, sin_phi, 0)),
-        to_world.vector(Vector(-sin_phi, cos_phi, 0)),
-    )
+    dp_du = to_world.vector(Vector(cos_phi, sin_phi, 0))
+    dp_dv = to_world.vector(Vector(-at.y, at.x, 0) * dr.two_pi)
+    return LocalGeometry(to_world.point(at), to_world.error(at, 0), n, n, uv, dp_du, dp_dv)
 
 
 def on_cylinder(p: Any, _: Any, to_world: Any, to_local: Any, side: Any) -> LocalGeometry:
@@ -139,8 +153,16 @@ def on_cylinder(p: Any, _: Any, to_world: Any, to_local: Any, side: Any) -> Loca
     uv = _pair(p, dr.select(phi < 0, phi + dr.two_pi, phi) * dr.inv_two_pi, local.z)
     dp_du = to_world.vector(Vector(-local.y, local.x, 0) * dr.two_pi)
     dp_dv = to_world.vector(Vector(0, 0, 1))
-    n = dr.normalize(dr.cross(dp_du, dp_dv)) * side
+    n = dr.normalize(to_local.transposed(Vector(local.x, local.y, 0))) * side
     return LocalGeometry(to_world.point(local), to_world.error(local, 0), n, n, uv, dp_du, dp_dv)
+
+
+def _on_plane(p: Any, local: Any, to_local: Any) -> Any:
+    """The point ``local`` (Array2f) of the local plane z = 0, whose derivatives are those of the world's ``p``."""
+    if dr.grad_enabled(p):
+        moving = to_local.point(p)
+        local = dr.replace_grad(local, type(local)(moving.x, moving.y))
+    return type(p)(local.x, local.y, 0)
 
 
 def _plane_normal(to_local: Any, side: Any, Vector: Any) -> Any:

@@ -17,7 +17,7 @@ from .transforms import checked_transform, transform_box
 
 @dataclass(frozen=True, eq=False)
 class Quadric(Surface):
-    """A canonical shape under ``to_world`` (4, 4). ``flip_normals`` turns the normal round."""
+    """A canonical shape under ``to_world`` (4, 4), which may mirror. ``flip_normals`` turns the normal round."""
 
     to_world: Any = field(default_factory=lambda: np.eye(4))
     flip_normals: bool = False
@@ -53,7 +53,10 @@ class Quadric(Surface):
 
 @dataclass(frozen=True, eq=False)
 class Sphere(Quadric):
-    """The unit sphere under ``to_world``, which may rotate, scale evenly and translate; or :meth:`at` a centre."""
+    """The unit sphere under ``to_world``, which may rotate, scale evenly and translate; or :meth:`at` a centre.
+
+    Its normals point outwards, mirrored or not. (Mitsuba turns them round where ``to_world`` mirrors.)
+    """
 
     KIND = record.SPHERE
     LOCAL_BOUNDS = ((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))

@@ -77,10 +77,7 @@ class Shading:
         for k, surface in enumerate(surfaces):
             if isinstance(surface, Quadric):
                 rows[k, :12] = _rows(surface.to_world)
-                mirrored = np.linalg.det(surface.to_world[:3, :3]) < 0
-                # A mirrored sphere or cylinder is turned inside out, as its parameterisation is.
-                turned = surface.flip_normals != (mirrored and surface.KIND == record.SPHERE)
-                rows[k, 12] = -1.0 if turned else 1.0
+                rows[k, 12] = -1.0 if surface.flip_normals else 1.0
                 rows[k, 13] = surface.KIND
                 rows[k, 16:28] = _rows(np.linalg.inv(surface.to_world))
         self.quadric_rows = owned(rows, self.types.Float)
@@ -95,6 +92,24 @@ class Shading:
             o, d = to_local.point(ray.o), to_local.vector(ray.d)
         else:
             o, d = ray.o, ray.d
+        if not (self.has_meshes or self.quadric_kinds):
+            return _nothing(types, ray, hit)
+        t = hit.t
+        geometry = self._local_geometry(dr.detach(o), dr.detach(d), t, hit, valid)
+        if dr.grad_enabled(o, d):
+            # To first order the ray meets what it met where it meets the tangent plane.
+            n, p = dr.detach(geometry.n), dr.detach(geometry.p)
+            slope = dr.dot(n, d)
+            t = dr.replace_grad(t, dr.dot(n, p - o) / dr.select(valid & (slope != 0), slope, 1))
+            geometry = self._local_geometry(o, d, t, hit, valid)
+        if self.has_instances:
+            geometry = geometry.transformed(to_world, to_local)
+        return _finish(geometry, ray, t, hit, valid, types)
+
+    def _local_geometry(self, o: Any, d: Any, t: Any, hit: Hit, valid: Any) -> LocalGeometry:
+        """The geometry where the rays ``o + t d`` are at hits, both in the coordinates of the surfaces that they met."""
+        types = self.types
+        p = dr.fma(d, dr.select(valid, t, 0), o)
         kinds: list[tuple[Any, LocalGeometry]] = []
         is_quadric: Any = types.Bool(False)
         if self.quadric_kinds:
@@ -102,22 +117,17 @@ class Shading:
             local = dr.gather(types.ArrayXf, self.quadric_rows, hit.surface * 2 + 1, valid, shape=(16, dr.width(hit.t)))
             code = types.UInt(world[13])
             is_quadric = valid & (code != record.TRIANGLE)
-            t = dr.select(is_quadric, hit.t, 0)
-            p = dr.fma(d, t, o)
             for kind in self.quadric_kinds:
                 found = local_geometry.QUADRICS[kind](p, hit.uv, Rows(world), Rows(local), world[12])
                 kinds.append((is_quadric & (code == kind), found))
         if self.has_meshes:
             on_mesh = valid & ~is_quadric
-            kinds.append((on_mesh, self._on_triangle(hit, on_mesh)))
-        if not kinds:
-            return _nothing(types, ray, hit)
+            kinds.append((on_mesh, self._on_triangle(p, hit, on_mesh)))
         geometry = kinds[0][1]
         for mask, other in kinds[1:]:
-            geometry = LocalGeometry(*(dr.select(mask, b, a) for a, b in zip(geometry.fields(), other.fields(), strict=True)))
-        if self.has_instances:
-            geometry = geometry.transformed(to_world, to_local)
-        return _finish(geometry, ray, hit, valid, types)
+            pairs = zip(geometry.fields(), other.fields(), strict=True)
+            geometry = LocalGeometry(*(dr.select(mask, b, a) for a, b in pairs))
+        return geometry
 
     def _instance_maps(self, hit: Hit, instanced: Any) -> tuple[Rows, Rows]:
         types = self.types
@@ -130,7 +140,7 @@ class Shading:
             maps.append(Rows([dr.select(instanced, w, i) for w, i in zip(words, identity, strict=True)]))
         return maps[0], maps[1]
 
-    def _on_triangle(self, hit: Hit, active: Any) -> LocalGeometry:
+    def _on_triangle(self, p: Any, hit: Hit, active: Any) -> LocalGeometry:
         types = self.types
         face = hit.prim
         if self.many_surfaces:
@@ -151,7 +161,7 @@ class Shading:
         if self.has_uv:
             uvs = [dr.gather(types.Array2f, self.uvs, i, active) for i in (i0, i1, i2)]
             textured = True if self.all_uv else (flags & HAS_UV) != 0
-        return local_geometry.on_triangle(positions, normals, uvs, smooth, textured, hit.uv)
+        return local_geometry.on_triangle(p, positions, normals, uvs, smooth, textured, hit.uv)
 
 
 class Rows:
@@ -190,7 +200,7 @@ class Rows:
         return [row[3] for row in self.rows]
 
 
-def _finish(g: LocalGeometry, ray: Any, hit: Hit, valid: Any, types: Types) -> SurfaceInteraction:
+def _finish(g: LocalGeometry, ray: Any, t: Any, hit: Hit, valid: Any, types: Types) -> SurfaceInteraction:
     s = g.dp_du - g.sh_n * dr.dot(g.sh_n, g.dp_du)
     length = dr.squared_norm(s)
     # Where the parameterisation is singular any tangent will do.
@@ -200,7 +210,7 @@ def _finish(g: LocalGeometry, ray: Any, hit: Hit, valid: Any, types: Types) -> S
     zero3 = types.Array3f(0)
     return SurfaceInteraction(
         valid=valid,
-        t=hit.t,
+        t=t,
         p=dr.select(valid, g.p, zero3),
         n=dr.select(valid, g.n, zero3),
         sh_frame=Frame(*(dr.select(valid, v, zero3) for v in (frame.s, frame.t, frame.n))),
@@ -223,7 +233,10 @@ def _nothing(types: Types, ray: Any, hit: Hit) -> SurfaceInteraction:
     none = dr.full(types.UInt, record.NONE, width)
     frame = Frame(zero3, zero3, zero3)
     invalid = dr.full(types.Bool, False, width)
-    return SurfaceInteraction(invalid, hit.t, zero3, zero3, frame, zero2, zero3, zero3, zero2, -ray.d, none, none, none, dr.zeros(types.Float, width))
+    error = dr.zeros(types.Float, width)
+    return SurfaceInteraction(
+        invalid, hit.t, zero3, zero3, frame, zero2, zero3, zero3, zero2, -ray.d, none, none, none, error
+    )
 
 
 def _rows(matrix: np.ndarray) -> np.ndarray:
