@@ -5,3 +5,45 @@ from __future__ import annotations
 from ._llvm import settle as _settle_libllvm
 
 _settle_libllvm()  # before anything imports drjit, which binds a libLLVM for good
+
+from . import accel  # noqa: E402
+from .compare import compare  # noqa: E402
+from .errors import EnvironmentProblem, FileError, GeometryError, RayTraceError, SceneError  # noqa: E402
+from .load import load_dict, load_file, load_string  # noqa: E402
+from .rays.ray import Ray  # noqa: E402
+from .reference.comparison import Comparison  # noqa: E402
+from .render import RenderInterrupted, render  # noqa: E402
+from .scene.scene import Scene  # noqa: E402
+from .surfaces.hit import Hit  # noqa: E402
+from .surfaces.instance import Instance  # noqa: E402
+from .surfaces.interaction import SurfaceInteraction  # noqa: E402
+from .surfaces.mesh import TriangleMesh  # noqa: E402
+from .surfaces.quadrics import Cylinder, Disk, Rectangle, Sphere  # noqa: E402
+from .surfaces.surface import Surface  # noqa: E402
+
+__all__ = [
+    "Comparison",
+    "Cylinder",
+    "Disk",
+    "EnvironmentProblem",
+    "FileError",
+    "GeometryError",
+    "Hit",
+    "Instance",
+    "Ray",
+    "RayTraceError",
+    "Rectangle",
+    "RenderInterrupted",
+    "Scene",
+    "SceneError",
+    "Sphere",
+    "Surface",
+    "SurfaceInteraction",
+    "TriangleMesh",
+    "accel",
+    "compare",
+    "load_dict",
+    "load_file",
+    "load_string",
+    "render",
+]

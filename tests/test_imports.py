@@ -30,7 +30,7 @@ LAYERS = (
     ("textures",),
     ("materials",),
     ("lights",),
-    ("scene.scene", "scene.procedural"),
+    ("scene.scene", "scene.traced", "scene.procedural"),
     ("reconstruction", "film"),
     ("integrators",),
     ("render",),
@@ -47,7 +47,7 @@ LAYER_OF = {name: number for number, names in enumerate(LAYERS) for name in name
 
 # The scene readers, the reference renders and our plugins inside Mitsuba.
 KNOWS_MITSUBA = ("scene", "reference", "mitsuba_plugins")
-TRACES = ("rays", "surfaces", "accel", "textures", "materials", "lights", "integrators", "scene.scene", "film")
+TRACES = ("rays", "surfaces", "accel", "textures", "materials", "lights", "integrators", "scene.scene", "scene.traced", "film")
 
 
 def modules() -> dict[str, Path]:

@@ -66,7 +66,7 @@ class Bvh(Structure):
                 raise ValueError(f"a bvh has at most {wide_node.MAX_NODES} nodes, not {len(wide.binary)}: raise max_leaf_size")
             words = wide_node.encode_nodes(tree, wide, self.types)
             whole = wide_node.leaf_reference(np.zeros(1, np.int64), np.array([len(parts)]))[0]
-            self._root = int(whole) if len(wide.binary) == 0 else 0
+            self._root = dr.opaque(self.types.UInt, int(whole) if len(wide.binary) == 0 else 0)
             # A multiple of eight keeps scenes of like depth on one kernel; a level leaves one group pending at most.
             stack_size = max(8, -(-wide.depth // 8) * 8)
             Word = self.types.UInt if words.dtype == np.uint32 else self.types.UInt64
@@ -78,12 +78,12 @@ class Bvh(Structure):
     def traverse(self, ray: LocalRay, best: Candidate, root: Any, active: Any) -> Candidate:
         if self._device is None:
             return best
-        return bvh_traversal.closest(self._device, ray, best, root + dr.opaque(self.types.UInt, self._root), active)
+        return bvh_traversal.closest(self._device, ray, best, root + self._root, active)
 
     def traverse_any(self, ray: LocalRay, root: Any, active: Any) -> Any:
         if self._device is None:
             return dr.full(self.types.Bool, False, dr.width(root))
-        return bvh_traversal.anything(self._device, ray, root + dr.opaque(self.types.UInt, self._root), active)
+        return bvh_traversal.anything(self._device, ray, root + self._root, active)
 
     def statistics(self) -> dict[str, Any]:
         """Counts of nodes, leaves and primitives, depth, bytes on the device, the seconds that the build took and

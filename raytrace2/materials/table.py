@@ -34,7 +34,7 @@ class MaterialTable:
     Leaf materials are in one table a kind; two-sided ones and masks are resolved to leaves. Kernels hold the kinds that
     occur, and no dispatch where there is one. Python flags tell integrators what they can leave out: ``has_smooth_any``
     (lobes that are not deltas), ``has_delta`` (mirror-like and null lobes), ``has_null`` (straight on: masks, thin
-    dielectrics), ``has_transmission`` (anything that crosses the surface). Directions are in the shading frame and
+    dielectrics), ``has_transmission`` (anything that crosses the surface), ``has_refraction`` (an ``eta`` other than 1). Directions are in the shading frame and
     point away from the surface. What inactive lanes get means nothing.
     """
 
@@ -53,6 +53,7 @@ class MaterialTable:
         self.has_smooth_any = any(k.smooth for k in kinds)
         self.has_delta = self.has_null or any(k.delta for k in kinds)
         self.has_transmission = self.has_null or any(k.transmission for k in kinds)
+        self.has_refraction = any(isinstance(k, Dielectric) for k in kinds)
         self._all_smooth = all(k.smooth for k in kinds)
         self._masks = Masks(chains, textures) if any(chains) else None
         if self._masks or any(back is not None for _, back in pairs):

@@ -4,7 +4,8 @@ Both sides give independent batches of the same number of samples a pixel. Four 
 of the false-alarm rate (Bonferroni), and the renders are consistent when none is answered with no:
 
 - *exact*: are there pixels on which neither side varies, but which differ?
-- *pixels*: is the share of pixels whose Welch t-test fails at p < 0.01 greater than chance explains?
+- *pixels*: is the share of pixels whose Welch t-test fails at p < 0.01 greater than chance explains? (Not asked, p = 1,
+  when one side is noisier than the other by more than a quarter in variance: t of skewed noise then fails too often.)
 - *tiles*: does the mean of any window of 8, 16 or 32 pixels (more in big images) differ? Averaging finds a small bias
   that no pixel shows.
 - *mean*: does the mean of the whole image differ, in any channel or in luminance?
@@ -33,6 +34,7 @@ _PIXELS_RELABELLED = 1 << 15
 # and Welch's approximation is off by a few per cent then: a share that exceeds chance by less than this factor is no
 # evidence.
 _SHARE_SLACK = 1.25
+_ALIKE = 1.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +68,7 @@ class NoiseTest:
     worst_tile_z: float
     mean_difference: tuple[float, float, float]
     mean_z: tuple[float, float, float, float]
+    noise_ratio: float
     mismatched_pixels: int
     nonfinite_pixels: int
     unjudged_pixels: int
@@ -113,7 +116,10 @@ def ztest(
     failing = (p[..., 3] < FAILING_P) | mismatched | nonfinite
     share = float(failing.sum()) / max(1, judged + int(nonfinite.sum()))
 
+    noise_ratio = _noise_ratio(batches[..., 3], na)
     p_pixels, chance = _relabel_pixels(batches[..., 3], tolerance, floor, labels)
+    if not 1.0 / _ALIKE <= noise_ratio <= _ALIKE:
+        p_pixels = 1.0
     effective = judged / _correlation_inflation(batches[..., 3], na)
     bound = binomial_quantile(effective, min(1.0, _SHARE_SLACK * max(chance, FAILING_P)), each)
 
@@ -142,7 +148,7 @@ def ztest(
         failing_share_rgb=tuple(float((p[..., c] < FAILING_P).sum()) / max(1, judged) for c in range(3)),  # type: ignore[arg-type]
         chance_share=chance, failing_bound=bound, effective_pixels=effective, p_exact=p_exact, p_pixels=p_pixels,
         p_tiles=p_tiles, p_mean=p_mean, worst_tile=worst, worst_tile_z=worst_z, mean_difference=mean_difference,
-        mean_z=mean_z, mismatched_pixels=int(mismatched.sum()), nonfinite_pixels=int(nonfinite.sum()),
+        mean_z=mean_z, noise_ratio=noise_ratio, mismatched_pixels=int(mismatched.sum()), nonfinite_pixels=int(nonfinite.sum()),
         unjudged_pixels=int(broken_reference.sum()), reasons=tuple(reasons), z=z, p=p, failing=failing,
     )
 
@@ -218,6 +224,13 @@ def _relabel_greatest(columns: np.ndarray, margin: np.ndarray, z: np.ndarray, la
         return 1.0
     # Rounding must not make a labelling that ties with the truth look smaller.
     return max(welch, relabelling_pvalue(relabelling_counts(columns, margin, greatest * (1.0 - 1e-6), labels)))
+
+
+def _noise_ratio(luminance: np.ndarray, na: int) -> float:
+    """Median over pixels of the variance of a batch of ours over that of a batch of the reference; 1 without noise."""
+    a, b = (side.var(axis=0, ddof=1, dtype=np.float64) for side in (luminance[:na], luminance[na:]))
+    noisy = (a > 0.0) & (b > 0.0)
+    return float(np.median(a[noisy] / b[noisy])) if noisy.any() else 1.0
 
 
 def _correlation_inflation(luminance: np.ndarray, na: int, reach: int = 4) -> float:

@@ -98,6 +98,13 @@ class Geometry:
         prim = id - dr.gather(self.types.UInt, first_of, surface, valid)
         return dr.select(valid, surface, record.NONE), dr.select(valid, prim, record.NONE)
 
+    def prepare(self) -> None:
+        """Makes the buffers that queries read. They cannot be made inside a symbolic loop, so a query that is first asked there
+        needs this before."""
+        if len(self.surfaces) > 1:
+            _ = self._number_tables
+        _ = self.shading
+
     @functools.cached_property
     def _number_tables(self) -> tuple[Any, Any]:
         counts = [s.primitive_count for s in self.surfaces]
@@ -108,6 +115,8 @@ class Geometry:
     @functools.cached_property
     def shading(self) -> Shading:
         """The buffers that interactions are computed from, made when first asked for."""
+        if dr.flag(dr.JitFlag.SymbolicScope):
+            raise RuntimeError("call prepare() on the structure before its first interact() inside a symbolic loop")
         return Shading(self.surfaces, self.instances, self.types)
 
     def interact(self, ray: Any, hit: Hit) -> SurfaceInteraction:

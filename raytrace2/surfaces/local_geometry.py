@@ -43,6 +43,25 @@ class LocalGeometry:
         )
 
 
+@dataclass
+class RayPoint:
+    """A point ``p`` of a ray of direction ``d``, off the surface by the rounding of its t, which ``slack`` bounds."""
+
+    p: Any
+    d: Any
+    slack: Any
+
+    def polished(self, to_local: Any, *, round_axis: bool) -> Any:
+        """The point moved along the ray onto the unit sphere, or the cylinder about z if ``round_axis``, of ``to_local``."""
+        p, d = to_local.point(dr.detach(self.p)), to_local.vector(dr.detach(self.d))
+        if round_axis:
+            p.z, d.z = 0, 0
+        slope = 2 * dr.dot(p, d)
+        step = dr.select(slope != 0, (1 - dr.squared_norm(p)) / dr.select(slope != 0, slope, 1), 0)
+        step = dr.fmax(dr.fmin(step, self.slack), -self.slack)
+        return dr.fma(dr.detach(self.d), step, self.p)
+
+
 def on_triangle(
     p: Any,
     positions: list[Any],
@@ -94,8 +113,9 @@ def on_triangle(
     return LocalGeometry(p, error, n, sh_n, uv, dp_du, dp_dv)
 
 
-def on_sphere(p: Any, _: Any, to_world: Any, to_local: Any, side: Any) -> LocalGeometry:
+def on_sphere(at: RayPoint, _: Any, to_world: Any, to_local: Any, side: Any) -> LocalGeometry:
     """u is the azimuth over 2 pi, v the angle from the local z axis over pi."""
+    p = at.polished(to_local, round_axis=False)
     Vector = type(p)
     local = dr.normalize(to_local.point(p))
     center = Vector(*to_world.translation)
@@ -115,8 +135,9 @@ def on_sphere(p: Any, _: Any, to_world: Any, to_local: Any, side: Any) -> LocalG
     return LocalGeometry(center + arm, error, n, n, uv, to_world.vector(dp_du), to_world.vector(dp_dv))
 
 
-def on_rectangle(p: Any, local: Any, to_world: Any, to_local: Any, side: Any) -> LocalGeometry:
+def on_rectangle(met: RayPoint, local: Any, to_world: Any, to_local: Any, side: Any) -> LocalGeometry:
     """u and v run from 0 to 1 with local x and y."""
+    p = met.p
     at = _on_plane(p, local, to_local)
     dp_du, dp_dv = to_world.vector(type(p)(2, 0, 0)), to_world.vector(type(p)(0, 2, 0))
     # Where to_world mirrors, the shading normal is opposite, as in Mitsuba: there a rectangle is a mesh with normals.
@@ -126,8 +147,9 @@ def on_rectangle(p: Any, local: Any, to_world: Any, to_local: Any, side: Any) ->
     return LocalGeometry(to_world.point(at), error, n, _plane_normal(to_local, side, type(p)), uv, dp_du, dp_dv)
 
 
-def on_disk(p: Any, local: Any, to_world: Any, to_local: Any, side: Any) -> LocalGeometry:
+def on_disk(met: RayPoint, local: Any, to_world: Any, to_local: Any, side: Any) -> LocalGeometry:
     """u is the distance from the centre, v the azimuth over 2 pi."""
+    p = met.p
     Vector = type(p)
     at = _on_plane(p, local, to_local)
     n = _plane_normal(to_local, side, Vector)
@@ -142,8 +164,9 @@ def on_disk(p: Any, local: Any, to_world: Any, to_local: Any, side: Any) -> Loca
     return LocalGeometry(to_world.point(at), to_world.error(at, 0), n, n, uv, dp_du, dp_dv)
 
 
-def on_cylinder(p: Any, _: Any, to_world: Any, to_local: Any, side: Any) -> LocalGeometry:
+def on_cylinder(at: RayPoint, _: Any, to_world: Any, to_local: Any, side: Any) -> LocalGeometry:
     """u is the azimuth over 2 pi, v the position along the axis from 0 to 1."""
+    p = at.polished(to_local, round_axis=True)
     Vector = type(p)
     local = to_local.point(p)
     radius_2 = dr.fma(local.x, local.x, local.y * local.y)
@@ -173,7 +196,7 @@ def _pair(like: Any, x: Any, y: Any) -> Any:
     return types_of(like).Array2f(x, y)
 
 
-QUADRICS: dict[int, Callable[[Any, Any, Any, Any, Any], LocalGeometry]] = {
+QUADRICS: dict[int, Callable[[RayPoint, Any, Any, Any, Any], LocalGeometry]] = {
     record.SPHERE: on_sphere,
     record.RECTANGLE: on_rectangle,
     record.DISK: on_disk,

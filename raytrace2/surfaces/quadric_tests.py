@@ -23,6 +23,10 @@ def intersect_sphere(words: list[Any], ray: Any, tmin: Any, tmax: Any) -> tuple[
     b = dr.dot(f, ray.d)
     nearest = b * inverse
     across = dr.fma(-nearest, ray.d, f)
+    # From afar, rounding leaves a part along the ray, as large as the sphere: take it out once more.
+    rest = dr.dot(across, ray.d) * inverse
+    across = dr.fma(-rest, ray.d, across)
+    nearest += rest
     discriminant = dr.fma(radius, radius, -dr.squared_norm(across))
     half_chord = dr.sqrt(discriminant * inverse)
     # The larger root in size is free of cancellation; the other follows from their product.
@@ -55,10 +59,19 @@ def intersect_cylinder(words: list[Any], ray: Any, tmin: Any, tmax: Any) -> tupl
     inverse = dr.rcp(a)
     nearest = -dr.fma(ox, dx, oy * dy) * inverse
     ax, ay = dr.fma(nearest, dx, ox), dr.fma(nearest, dy, oy)
+    rest = -dr.fma(ax, dx, ay * dy) * inverse
+    ax, ay = dr.fma(rest, dx, ax), dr.fma(rest, dy, ay)
+    nearest += rest
     discriminant = 1 - dr.fma(ax, ax, ay * ay)
     half_chord = dr.sqrt(discriminant * inverse)
-    near, far = nearest - half_chord, nearest + half_chord
-    near_z, far_z = dr.fma(near, dz, oz), dr.fma(far, dz, oz)
+    # As for the sphere: one root without cancellation, the other from their product.
+    q = nearest + dr.copysign(half_chord, nearest)
+    other = dr.select(q != 0, (dr.fma(ox, ox, oy * oy) - 1) * inverse / q, 0)
+    near, far = dr.fmin(q, other), dr.fmax(q, other)
+    # Heights from the middle of the chord if that is closer than the origin.
+    middle_z = dr.fma(rest, dz, dr.fma(nearest - rest, dz, oz))
+    near_z = dr.select(half_chord < abs(near), dr.fma(-half_chord, dz, middle_z), dr.fma(near, dz, oz))
+    far_z = dr.select(half_chord < abs(far), dr.fma(half_chord, dz, middle_z), dr.fma(far, dz, oz))
     use_near = (near >= tmin) & (near <= tmax) & (near_z >= 0) & (near_z <= 1)
     use_far = (far >= tmin) & (far <= tmax) & (far_z >= 0) & (far_z <= 1)
     t = dr.select(use_near, near, far)
@@ -73,6 +86,11 @@ def _row(words: list[Any], k: int, v: Any, w: int) -> Any:
 
 
 def _meet_plane(words: list[Any], ray: Any) -> tuple[Any, Any, Any]:
-    t = -_row(words, 2, ray.o, 1) / _row(words, 2, ray.d, 0)
+    """t where the line meets the local plane z = 0, and local x and y there."""
+    slope = dr.rcp(_row(words, 2, ray.d, 0))
+    t = -_row(words, 2, ray.o, 1) * slope
     p = dr.fma(ray.d, t, ray.o)
-    return t, _row(words, 0, p, 1), _row(words, 1, p, 1)
+    # From afar, rounding leaves the point off the plane: move on along the ray.
+    rest = -_row(words, 2, p, 1) * slope
+    p = dr.fma(ray.d, rest, p)
+    return t + rest, _row(words, 0, p, 1), _row(words, 1, p, 1)

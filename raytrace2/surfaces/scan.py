@@ -23,6 +23,7 @@ class Scan(Structure):
         super().__init__(geometry)
         parts = geometry.primitives()
         self.count = len(parts) if parts else 0
+        self._opaque_count = dr.opaque(self.types.UInt, self.count)
         self._bytes = parts.records.nbytes if parts else 0
         self._device = parts.upload() if parts else None
 
@@ -56,8 +57,7 @@ class Scan(Structure):
         return blocked
 
     def _end(self, like: Any, active: Any) -> Any:
-        count = dr.opaque(self.types.UInt, self.count)
-        return dr.select(active, count, 0) + dr.zeros(self.types.UInt, dr.width(like))
+        return dr.select(active, self._opaque_count, 0) + dr.zeros(self.types.UInt, dr.width(like))
 
     def statistics(self) -> dict[str, Any]:
         """How many primitives are tested per ray, and the bytes that they take."""

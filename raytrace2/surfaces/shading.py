@@ -15,7 +15,7 @@ from .frame import Frame, coordinate_system
 from .hit import Hit
 from .instance import Instance
 from .interaction import SurfaceInteraction
-from .local_geometry import LocalGeometry
+from .local_geometry import LocalGeometry, RayPoint
 from .mesh import TriangleMesh
 from .quadrics import Quadric
 from .surface import Surface
@@ -109,7 +109,8 @@ class Shading:
     def _local_geometry(self, o: Any, d: Any, t: Any, hit: Hit, valid: Any) -> LocalGeometry:
         """The geometry where the rays ``o + t d`` are at hits, both in the coordinates of the surfaces that they met."""
         types = self.types
-        p = dr.fma(d, dr.select(valid, t, 0), o)
+        t = dr.select(valid, t, 0)
+        p = dr.fma(d, t, o)
         kinds: list[tuple[Any, LocalGeometry]] = []
         is_quadric: Any = types.Bool(False)
         if self.quadric_kinds:
@@ -117,8 +118,9 @@ class Shading:
             local = dr.gather(types.ArrayXf, self.quadric_rows, hit.surface * 2 + 1, valid, shape=(16, dr.width(hit.t)))
             code = types.UInt(world[13])
             is_quadric = valid & (code != record.TRIANGLE)
+            met = RayPoint(p, d, abs(dr.detach(t)) * (8 * types.epsilon))
             for kind in self.quadric_kinds:
-                found = local_geometry.QUADRICS[kind](p, hit.uv, Rows(world), Rows(local), world[12])
+                found = local_geometry.QUADRICS[kind](met, hit.uv, Rows(world), Rows(local), world[12])
                 kinds.append((is_quadric & (code == kind), found))
         if self.has_meshes:
             on_mesh = valid & ~is_quadric

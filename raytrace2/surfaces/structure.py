@@ -29,6 +29,10 @@ class Structure(Surface):
         self.types: Types = geometry.types
         self.name = self.kind
 
+    def prepare(self) -> None:
+        """Makes every buffer that queries read, so that the first query may stand inside a symbolic loop."""
+        self.geometry.prepare()
+
     @property
     def has_instances(self) -> bool:
         """Whether a hit may have been met through an instance."""

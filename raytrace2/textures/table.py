@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, TypeAlias
 
 import drjit as dr
@@ -35,11 +36,15 @@ class TextureTable:
     """Textures by index (:meth:`add` gives it; it is a handle, not a position), in one table a kind.
 
     Kernels hold the kinds that occur and nothing of the rest, and fewer still where a look-up says what it can meet
-    (``reach``). ``attributes`` maps surface indices to the meshes whose attributes textures read.
+    (``reach``). ``attributes`` maps surface indices to the meshes whose attributes textures read; ``filter_type``
+    (``"nearest"`` or ``"bilinear"``) takes the place of every bitmap's own.
     """
 
-    def __init__(self, types: Types, attributes: Mapping[int, MeshShape] | None = None) -> None:
+    def __init__(
+        self, types: Types, attributes: Mapping[int, MeshShape] | None = None, filter_type: str | None = None
+    ) -> None:
         self.types = types
+        self._filter_type = filter_type
         self._meshes = dict(attributes or {})
         self._members: dict[int, list[Any]] = {}
         self._children: list[tuple[int, int]] = []
@@ -70,7 +75,10 @@ class TextureTable:
                 self._children.append(children)
             members = self._members.setdefault(kind, [])
             self._known[key] = handles.make(kind, len(members))
-            members.append(texture)
+            if isinstance(texture, BitmapTexture) and self._filter_type:
+                members.append(replace(texture, filter_type=self._filter_type))  # type: ignore[arg-type]
+            else:
+                members.append(texture)
             self._keep.append(texture)
             self._tables.pop(kind, None)
             self._stale = True

@@ -49,6 +49,9 @@ def test_equal_means_with_unequal_noise_pass() -> None:
     for i in range(10):
         calm = _noise(rng, "gaussian", 8, relative=0.1)
         assert ztest(calm, _noise(rng, "gaussian", 8, relative=0.4), seed=i).consistent
+        calm = 0.5 + 0.5 * _noise(rng, "lognormal", 16)
+        result = ztest(calm, _noise(rng, "lognormal", 16), seed=i)
+        assert result.consistent and result.noise_ratio == pytest.approx(0.25, rel=0.3)
 
 
 def _detected(ours: np.ndarray, reference: np.ndarray) -> NoiseTest:

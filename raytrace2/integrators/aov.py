@@ -1,0 +1,83 @@
+"""Arbitrary output variables: what is at the first hit of each ray, a channel each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import drjit as dr
+
+from ..rays.differentials import uv_partials
+from ..rays.ray import Ray
+from ..scene.description import Integrator
+from ..scene.traced import TracedScene
+from ..surfaces.interaction import SurfaceInteraction
+
+_AXES = ("X", "Y", "Z")
+_COLORS = ("R", "G", "B")
+_UV = ("U", "V")
+#: The kinds of ``aovs`` and the channel suffixes of each, as Mitsuba names them.
+CHANNELS: dict[str, tuple[str, ...]] = {
+    "albedo": _COLORS,
+    "depth": ("T",),
+    "position": _AXES,
+    "uv": _UV,
+    "geo_normal": _AXES,
+    "sh_normal": _AXES,
+    "dp_du": _AXES,
+    "dp_dv": _AXES,
+    "duv_dx": _UV,
+    "duv_dy": _UV,
+    "prim_index": ("I",),
+    "shape_index": ("I",),
+}
+
+
+def channel_names(settings: Integrator) -> list[str]:
+    """The names of the channels of ``settings.aovs``, in order."""
+    return [f"{name}.{suffix}" for name, kind in settings.aovs for suffix in CHANNELS[kind]]
+
+
+def aov(
+    scene: TracedScene, settings: Integrator, ray: Ray, offset_rays: tuple[Ray, Ray] | None, active: Any = True
+) -> list[Any]:
+    """The values (Float) of every channel of ``settings.aovs`` along each ray, zero on a miss.
+
+    ``offset_rays`` are those a pixel to the right and a pixel down, needed for ``duv_dx`` and ``duv_dy``.
+    """
+    si = scene.structure.interact(ray, scene.structure.intersect(ray, active))
+    values: list[Any] = []
+    for _, kind in settings.aovs:
+        values.extend(_value(kind, scene, si, offset_rays))
+    Float = scene.types.Float
+    return [dr.select(si.valid & active, Float(value), 0) for value in values]
+
+
+def needs_offset_rays(settings: Integrator) -> bool:
+    """Whether :func:`aov` needs ``offset_rays``."""
+    return any(kind in ("duv_dx", "duv_dy") for _, kind in settings.aovs)
+
+
+_FIELDS: dict[str, Callable[[SurfaceInteraction], Any]] = {
+    "position": lambda si: si.p,
+    "uv": lambda si: si.uv,
+    "geo_normal": lambda si: si.n,
+    "sh_normal": lambda si: si.sh_frame.n,
+    "dp_du": lambda si: si.dp_du,
+    "dp_dv": lambda si: si.dp_dv,
+}
+
+
+def _value(kind: str, scene: TracedScene, si: SurfaceInteraction, offset_rays: tuple[Ray, Ray] | None) -> list[Any]:
+    if kind in _FIELDS:
+        return list(_FIELDS[kind](si))
+    if kind == "depth":
+        return [si.t]
+    if kind == "prim_index":
+        return [si.prim]
+    if kind == "shape_index":
+        return [scene.shape_index(si)]
+    if kind == "albedo":
+        return list(scene.materials.albedo(si, scene.material(si, si.valid), si.valid))
+    assert offset_rays is not None
+    return list(uv_partials(si, offset_rays[0 if kind == "duv_dx" else 1]))

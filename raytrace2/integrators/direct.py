@@ -1,0 +1,67 @@
+"""Direct illumination: emitter and material sampling combined by multiple importance sampling."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+
+from ..rays.ray import Ray
+from ..scene.description import Integrator
+from ..scene.traced import TracedScene
+from .emission import met_emission, past_emitters, power_heuristic
+
+
+def direct(scene: TracedScene, settings: Integrator, sampler: Any, ray: Ray, active: Any = True) -> Any:
+    """Radiance (Array3f) along each ray of light that scatters at most once.
+
+    ``settings.emitter_samples`` and ``settings.bsdf_samples`` rays are traced from each point, in symbolic loops; the sampler's
+    numbers are drawn in Mitsuba's order.
+    """
+    t = scene.types
+    structure, materials, lights = scene.structure, scene.materials, scene.lights
+    width = len(ray)
+    active = dr.full(t.Bool, True, width) & active
+    total = settings.emitter_samples + settings.bsdf_samples
+    light_share, bsdf_share = settings.emitter_samples / total, settings.bsdf_samples / total
+
+    hit = structure.intersect(ray, active)
+    if settings.hide_emitters:
+        hit = past_emitters(scene, ray, hit, active)
+    si = structure.interact(ray, hit)
+    result = dr.zeros(t.Array3f, width)
+    if not settings.hide_emitters:
+        result += met_emission(scene, ray.o, ray, si, t.Float(1), t.Bool(True), active)
+    active &= si.valid
+    material = scene.material(si, active)
+
+    def sample_light(i: Any, result: Any, sampler: Any) -> tuple[Any, Any, Any]:
+        lit = active & materials.has_smooth(material, active)
+        light = lights.sample(si.p, sampler.next_2d(), lit)
+        lit &= light.pdf > 0
+        value, bsdf_pdf = materials.eval_pdf(si, material, si.to_local(light.d), active)
+        lit &= dr.max(value) > 0
+        lit &= ~structure.occluded(si.spawn_ray_to(light.p), lit)
+        weight = power_heuristic(light.pdf * light_share, bsdf_pdf * bsdf_share)
+        weight = dr.select(light.delta, 1, weight) / settings.emitter_samples
+        return i + 1, dr.select(lit, result + value * light.weight * weight, result), sampler
+
+    def sample_material(i: Any, result: Any, sampler: Any) -> tuple[Any, Any, Any]:
+        sample = materials.sample(si, material, sampler.next_1d(), sampler.next_2d(), active)
+        useful = active & (dr.max(sample.weight) > 0)
+        onward = si.spawn_ray(si.to_world(sample.wo))
+        met = structure.interact(onward, structure.intersect(onward, useful))
+        ratio = light_share / bsdf_share
+        emitted = met_emission(scene, si.p, onward, met, sample.pdf / ratio, sample.delta, useful)
+        return i + 1, dr.select(useful, result + sample.weight * emitted / settings.bsdf_samples, result), sampler
+
+    counter = dr.zeros(t.UInt, width)
+    if settings.emitter_samples and materials.has_smooth_any and lights.count:
+        _, result, sampler = _repeat(settings.emitter_samples, sample_light, (counter, result, sampler), active)
+    if settings.bsdf_samples and (lights.has_area or lights.has_environment):
+        _, result, sampler = _repeat(settings.bsdf_samples, sample_material, (counter + 0, result, sampler), active)
+    return result
+
+
+def _repeat(times: int, body: Any, state: tuple[Any, ...], active: Any) -> tuple[Any, ...]:
+    return body(*state) if times == 1 else dr.while_loop(state, lambda i, *_: active & (i < times), body)

@@ -1,0 +1,120 @@
+"""Path tracing with emitter sampling, multiple importance sampling and Russian roulette, one symbolic loop per pass."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+
+from ..rays.ray import Ray
+from ..scene.description import Integrator
+from ..scene.traced import TracedScene
+from .emission import met_emission, past_emitters, power_heuristic
+
+
+@dataclass
+class PathState:
+    """A path as its loop carries it: the ray that goes on, what it may still bring and what it has brought, and how the
+    last surface chose it. ``eta`` is None where nothing refracts."""
+
+    ray: Ray
+    throughput: Any
+    radiance: Any
+    eta: Any
+    depth: Any
+    origin: Any
+    pdf: Any
+    delta: Any
+    shown: Any
+    active: Any
+
+
+def path(scene: TracedScene, settings: Integrator, sampler: Any, ray: Ray, active: Any = True) -> Any:
+    """Radiance (Array3f) along each ray.
+
+    ``settings.max_depth`` counts as in Mitsuba: 1 shows emitters only, 2 direct light, -1 has no bound. The sampler's numbers
+    are drawn in Mitsuba's order. Only what the scene has (emitters met by rays, smooth materials) is in the kernel.
+    """
+    t = scene.types
+    width = len(ray)
+    if settings.max_depth == 0:
+        return dr.zeros(t.Array3f, width)
+    state = _start(scene, settings, ray, width, active)
+    max_depth = dr.opaque(t.UInt, settings.max_depth if settings.max_depth >= 0 else 0xFFFFFFFF)
+    rr_depth = dr.opaque(t.UInt, settings.rr_depth)
+
+    def bounce(state: PathState, sampler: Any) -> tuple[PathState, Any]:
+        return _bounce(scene, settings, state, sampler, max_depth, rr_depth), sampler
+
+    state, _ = dr.while_loop((state, sampler), lambda s, _: s.active, bounce, label="path")
+    return dr.select(state.shown, state.radiance, 0)
+
+
+def _start(scene: TracedScene, settings: Integrator, ray: Ray, width: int, active: Any) -> PathState:
+    t = scene.types
+    zero3 = dr.zeros(t.Array3f, width)
+    false = dr.full(t.Bool, False, width)
+    full_ray = Ray.of(ray.o + zero3, ray.d + zero3, ray.tmin + zero3.x, ray.tmax + zero3.x)
+    return PathState(
+        ray=full_ray,
+        throughput=zero3 + 1,
+        radiance=zero3 + 0,
+        eta=dr.full(t.Float, 1, width) if scene.materials.has_refraction else None,
+        depth=dr.zeros(t.UInt, width),
+        origin=zero3 + 0,
+        pdf=dr.full(t.Float, 1, width),
+        delta=~false,
+        shown=false | (not settings.hide_emitters),
+        active=(~false) & active,
+    )
+
+
+def _bounce(
+    scene: TracedScene, settings: Integrator, s: PathState, sampler: Any, max_depth: Any, rr_depth: Any
+) -> PathState:
+    t = scene.types
+    structure, materials, lights = scene.structure, scene.materials, scene.lights
+    hit = structure.intersect(s.ray, s.active)
+    if settings.hide_emitters:
+        hit = past_emitters(scene, s.ray, hit, s.active & (s.depth == 0))
+    si = structure.interact(s.ray, hit)
+    if lights.has_area or lights.has_environment:
+        emitted = met_emission(scene, s.origin, s.ray, si, s.pdf, s.delta, s.active)
+        s.radiance = dr.fma(s.throughput, emitted, s.radiance)
+    goes_on = s.active & si.valid & (s.depth + 1 < max_depth)
+    material = scene.material(si, goes_on)
+
+    if materials.has_smooth_any and lights.count:
+        lit = goes_on & materials.has_smooth(material, goes_on)
+        light = lights.sample(si.p, sampler.next_2d(), lit)
+        lit &= light.pdf > 0
+        shadow_ray = si.spawn_ray_to(light.p)
+        wo = si.to_local(light.d)
+        value, bsdf_pdf = materials.eval_pdf(si, material, wo, goes_on)
+        lit &= dr.max(value) > 0
+        lit &= ~structure.occluded(shadow_ray, lit)
+        weight = dr.select(light.delta, 1, power_heuristic(light.pdf, bsdf_pdf))
+        direct = s.throughput * value * light.weight * weight
+        s.radiance = dr.select(lit, s.radiance + direct, s.radiance)
+
+    sample = materials.sample(si, material, sampler.next_1d(), sampler.next_2d(), goes_on)
+    d = si.to_world(sample.wo)
+    s.ray = dr.select(goes_on, si.spawn_ray(d), s.ray)
+    s.throughput = dr.select(goes_on, s.throughput * sample.weight, s.throughput)
+    gain = dr.max(s.throughput)
+    if s.eta is not None:
+        s.eta = dr.select(goes_on, s.eta * sample.eta, s.eta)
+        gain *= s.eta * s.eta
+    s.shown |= goes_on & ~sample.null
+    s.origin = dr.select(goes_on, si.p, s.origin)
+    s.pdf = dr.select(goes_on, sample.pdf, s.pdf)
+    s.delta = dr.select(goes_on, sample.delta, s.delta)
+    s.depth = dr.select(si.valid, s.depth + 1, s.depth)
+
+    survival = dr.fmin(gain, t.Float(0.95))
+    at_risk = s.depth >= rr_depth
+    survives = sampler.next_1d() < survival
+    s.throughput = dr.select(at_risk, s.throughput * dr.rcp(dr.select(survival > 0, survival, 1)), s.throughput)
+    s.active = goes_on & (~at_risk | survives) & (gain > 0)
+    return s

@@ -1,0 +1,205 @@
+"""Rendering: a scene, a camera and an integrator to an image, in passes that bound memory."""
+
+from __future__ import annotations
+
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import drjit as dr
+
+from .errors import RayTraceError
+from .film import Film
+from .integrators.aov import aov, channel_names, needs_offset_rays
+from .integrators.direct import direct
+from .integrators.path import path
+from .rays.camera import make_camera
+from .rays.ray import Ray
+from .rays.sampler import Sampler, make_sampler
+from .rays.wavefront import split_passes
+from .scene.description import Camera, Integrator
+from .scene.scene import Scene
+from .scene.traced import TracedScene
+
+#: Lanes of a pass: enough to keep every core busy for a second or so, few enough for a few hundred megabytes.
+MAX_LANES = 1 << 21
+
+_RADIANCE: dict[str, Callable[..., Any]] = {"path": path, "direct": direct}
+
+
+class RenderInterrupted(KeyboardInterrupt):
+    """Ctrl-C during a render. ``image`` holds what was done: ``samples`` of every pixel at least."""
+
+    def __init__(self, image: Any, samples: int) -> None:
+        super().__init__(f"interrupted after {samples} samples per pixel")
+        self.image = image
+        self.samples = samples
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """An image (TensorXf, height x width x channels) with the names of its channels, the samples per pixel that were taken, and
+    the seconds that preparing (structure, tables) and rendering took."""
+
+    image: Any
+    channels: list[str]
+    spp: int
+    prepare_seconds: float
+    seconds: float
+
+
+def render(
+    scene: Scene,
+    params: None = None,
+    sensor: int = 0,
+    integrator: Integrator | str | None = None,
+    *,
+    seed: int = 0,
+    spp: int = 1,
+    accel: str | None = None,
+    filter: str | None = None,
+    precision: str = "float32",
+    size: tuple[int, int] | None = None,
+    progress: bool | None = None,
+) -> Any:
+    """Renders ``scene`` and returns its image, TensorXf (height, width, channels), linear, as ``mi.render`` does.
+
+    ``sensor`` counts the scene's cameras. ``integrator`` is ``"path"``, ``"direct"``, a :class:`description.Integrator` or None for the
+    scene's own; with aovs the colour comes first and then their channels. ``spp`` samples a pixel, 0 for the count in the scene.
+    ``accel`` names the structure (``"bvh"``, ``"brute_force"``, options after a colon). ``filter`` (``"nearest"`` or ``"bilinear"``)
+    takes the place of every bitmap's own. ``precision`` is ``"float32"`` or ``"float64"``; ``size`` (width, height) replaces the
+    film's. ``progress`` shows a bar; None shows one on a terminal if there is more than one pass.
+
+    Ctrl-C raises :class:`RenderInterrupted`, which holds the image so far. The same arguments give the same image to the bit.
+    """
+    if params is not None:
+        raise TypeError("params: pass None; parameters are changed in the scene before it is loaded")
+    return render_detailed(
+        scene, sensor, integrator, seed=seed, spp=spp, accel=accel, filter=filter, precision=precision, size=size,
+        progress=progress,
+    ).image  # fmt: skip
+
+
+def render_detailed(
+    scene: Scene,
+    sensor: int = 0,
+    integrator: Integrator | str | None = None,
+    *,
+    seed: int = 0,
+    spp: int = 1,
+    accel: str | None = None,
+    filter: str | None = None,
+    precision: str = "float32",
+    size: tuple[int, int] | None = None,
+    progress: bool | None = None,
+    max_lanes: int = MAX_LANES,
+) -> Rendering:
+    """:func:`render` with what it took; ``max_lanes`` bounds the samples of a pass."""
+    camera_settings = choose_camera(scene, sensor, size)
+    settings = choose_integrator(scene, integrator)
+    begin = time.perf_counter()
+    traced = scene.traced(accel, precision, filter)
+    if settings.kind != "aov" or settings.nested is not None or any(kind == "albedo" for _, kind in settings.aovs):
+        traced.prepare_shading()
+    types = traced.types
+    sampler = make_sampler(camera_settings.sampler, types, spp if spp != 0 else None)
+    camera = make_camera(camera_settings, types)
+    names = [] if settings.kind == "aov" and settings.nested is None else ["R", "G", "B"]
+    names += channel_names(settings)
+    film = Film(camera_settings.film, types, len(names))
+    passes = split_passes(film.pixel_count, sampler.sample_count, max_lanes)
+    prepared = time.perf_counter()
+    done = 0
+    with _bar(progress, len(passes)) as bar:
+        try:
+            for wavefront in passes:
+                sampler.seed(seed, wavefront)
+                pixel, _ = wavefront.pixel_and_sample()
+                offset = sampler.next_2d()
+                values = _sample(traced, settings, camera, film, sampler, pixel, offset)
+                film.add(wavefront, offset, values)
+                dr.sync_thread()
+                if wavefront.first_pixel + wavefront.pixels == film.pixel_count:
+                    done = wavefront.first_sample + wavefront.samples
+                bar.update()
+        except KeyboardInterrupt:
+            raise RenderInterrupted(film.develop(), done) from None
+    image = film.develop()
+    dr.eval(image)
+    dr.sync_thread()
+    seconds = time.perf_counter() - prepared
+    bad = film.non_finite_samples()
+    if bad:
+        warnings.warn(f"{bad} samples were NaN or infinite and were left out of the image", RuntimeWarning, stacklevel=3)
+    if camera_settings.film.pixel_format == "luminance" and names[:3] == ["R", "G", "B"]:
+        names[:3] = ["Y"]
+    return Rendering(image, names, sampler.sample_count, prepared - begin, seconds)
+
+
+def choose_camera(scene: Scene, sensor: int, size: tuple[int, int] | None) -> Camera:
+    """The description of camera ``sensor``, its film resized if ``size`` is given (a crop window scales along)."""
+    cameras = scene.description.cameras
+    if not 0 <= sensor < len(cameras):
+        raise RayTraceError(f"sensor {sensor} does not exist: the scene has {len(cameras)}")
+    camera = cameras[sensor]
+    if size is None:
+        return camera
+    width, height = size
+    if width < 1 or height < 1:
+        raise RayTraceError(f"the film needs at least one pixel, not {width} x {height}")
+    film = camera.film
+    sx, sy = width / film.width, height / film.height
+    left, top = round(film.crop_offset_x * sx), round(film.crop_offset_y * sy)
+    film = replace(
+        film, width=width, height=height, crop_offset_x=left, crop_offset_y=top,
+        crop_width=min(max(round(film.crop_width * sx), 1), width - left),
+        crop_height=min(max(round(film.crop_height * sy), 1), height - top),
+    )  # fmt: skip
+    return replace(camera, film=film)
+
+
+def choose_integrator(scene: Scene, integrator: Integrator | str | None) -> Integrator:
+    """The scene's integrator, or the one asked for by name or in full."""
+    if integrator is None:
+        return scene.description.integrator
+    if isinstance(integrator, str):
+        if integrator not in _RADIANCE:
+            raise RayTraceError(f"unknown integrator {integrator!r}: there are {', '.join(_RADIANCE)} (aov needs settings)")
+        return Integrator(kind=integrator)  # type: ignore[arg-type]
+    return integrator
+
+
+def _sample(
+    traced: TracedScene, settings: Integrator, camera: Any, film: Film, sampler: Sampler, pixel: Any, offset: Any
+) -> list[Any]:
+    """The values of one sample a lane: colour, then aovs."""
+    position = film.position(pixel, offset)
+    aperture = sampler.next_2d() if camera.needs_aperture_sample else None
+    ray = camera.sample_ray(position, aperture)
+    radiance = settings if settings.kind != "aov" else settings.nested
+    values: list[Any] = []
+    if radiance is not None:
+        values.extend(_RADIANCE[radiance.kind](traced, radiance, sampler, ray))
+    if settings.kind == "aov":
+        offsets = _offset_rays(camera, film, position, aperture, sampler) if needs_offset_rays(settings) else None
+        values = [*values, *aov(traced, settings, ray, offsets)]
+    return values
+
+
+def _offset_rays(camera: Any, film: Film, position: Any, aperture: Any, sampler: Sampler) -> tuple[Ray, Ray]:
+    """Rays one pixel to the right and down, drawn nearer as samples lie closer together (Igehy 1999; Mitsuba does the same)."""
+    shrink = sampler.sample_count**-0.5
+    step = type(position)
+    right = step(shrink / film.width, 0)
+    down = step(0, shrink / film.height)
+    return camera.sample_ray(position + right, aperture), camera.sample_ray(position + down, aperture)
+
+
+def _bar(progress: bool | None, passes: int) -> Any:
+    from tqdm import tqdm
+
+    show = progress if progress is not None else passes > 1 and sys.stderr.isatty()
+    return tqdm(total=passes, disable=not show, unit="pass", desc="render")
