@@ -56,8 +56,10 @@ class RayPoint:
         p, d = to_local.point(dr.detach(self.p)), to_local.vector(dr.detach(self.d))
         if round_axis:
             p.z, d.z = 0, 0
-        slope = 2 * dr.dot(p, d)
-        step = dr.select(slope != 0, (1 - dr.squared_norm(p)) / dr.select(slope != 0, slope, 1), 0)
+        a, b, c = dr.squared_norm(d), dr.dot(p, d), dr.squared_norm(p) - 1
+        # The root of a t^2 + 2 b t + c that is nearer to zero.
+        q = -(b + dr.copysign(dr.sqrt(dr.fmax(b * b - a * c, 0)), b))
+        step = dr.select(q != 0, c / dr.select(q != 0, q, 1), 0)
         step = dr.fmax(dr.fmin(step, self.slack), -self.slack)
         return dr.fma(dr.detach(self.d), step, self.p)
 

@@ -53,25 +53,24 @@ def intersect_disk(words: list[Any], ray: Any, tmin: Any, tmax: Any) -> tuple[An
 
 def intersect_cylinder(words: list[Any], ray: Any, tmin: Any, tmax: Any) -> tuple[Any, Any, Any, Any]:
     """Words: the rows of the world-to-local matrix; the open cylinder has unit radius about local z, from z = 0 to 1."""
-    ox, oy, oz = (_row(words, k, ray.o, 1) for k in range(3))
     dx, dy, dz = (_row(words, k, ray.d, 0) for k in range(3))
+    # The origin moves along the ray to near the cylinder, so that none of the digits that matter are lost from afar.
+    far_x, far_y, far_z = (_row(words, k, ray.o, 1) for k in range(3))
     a = dr.fma(dx, dx, dy * dy)
+    shift = -dr.fma(far_x, dx, dr.fma(far_y, dy, far_z * dz)) / dr.fma(dz, dz, a)
+    o = dr.fma(ray.d, shift, ray.o)
+    ox, oy, oz = (_row(words, k, o, 1) for k in range(3))
     inverse = dr.rcp(a)
     nearest = -dr.fma(ox, dx, oy * dy) * inverse
     ax, ay = dr.fma(nearest, dx, ox), dr.fma(nearest, dy, oy)
-    rest = -dr.fma(ax, dx, ay * dy) * inverse
-    ax, ay = dr.fma(rest, dx, ax), dr.fma(rest, dy, ay)
-    nearest += rest
     discriminant = 1 - dr.fma(ax, ax, ay * ay)
     half_chord = dr.sqrt(discriminant * inverse)
     # As for the sphere: one root without cancellation, the other from their product.
     q = nearest + dr.copysign(half_chord, nearest)
     other = dr.select(q != 0, (dr.fma(ox, ox, oy * oy) - 1) * inverse / q, 0)
     near, far = dr.fmin(q, other), dr.fmax(q, other)
-    # Heights from the middle of the chord if that is closer than the origin.
-    middle_z = dr.fma(rest, dz, dr.fma(nearest - rest, dz, oz))
-    near_z = dr.select(half_chord < abs(near), dr.fma(-half_chord, dz, middle_z), dr.fma(near, dz, oz))
-    far_z = dr.select(half_chord < abs(far), dr.fma(half_chord, dz, middle_z), dr.fma(far, dz, oz))
+    near_z, far_z = dr.fma(near, dz, oz), dr.fma(far, dz, oz)
+    near, far = near + shift, far + shift
     use_near = (near >= tmin) & (near <= tmax) & (near_z >= 0) & (near_z <= 1)
     use_far = (far >= tmin) & (far <= tmax) & (far_z >= 0) & (far_z <= 1)
     t = dr.select(use_near, near, far)
