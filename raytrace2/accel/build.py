@@ -31,11 +31,13 @@ def names() -> tuple[str, ...]:
     return tuple(_KINDS)
 
 
-def build(surfaces: Surface | Sequence[Surface], kind: str = "bvh", *, precision: str = "float32", **options: Any) -> Structure:
+def build(
+    surfaces: Surface | Sequence[Surface], kind: str = "bvh", *, precision: str = "float32", **options: Any
+) -> Structure:
     """A structure of ``kind`` over a Surface or a list of them, structures included: it is a Surface itself.
 
-    ``kind`` may carry options after a colon, as on the command line: ``"bvh:max_leaf_size=2"``. ``options`` are the fields of the
-    kind's config. ``ValueError`` and ``TypeError`` tell of unknown kinds and options.
+    ``kind`` may carry options after a colon, as on the command line: ``"bvh:max_leaf_size=2"``. ``options`` are the
+    fields of the kind's config. ``ValueError`` and ``TypeError`` tell of unknown kinds and options.
     """
     name, written = parse_kind(kind)
     items = [surfaces] if isinstance(surfaces, Surface) else list(surfaces)

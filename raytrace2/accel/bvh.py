@@ -21,8 +21,8 @@ from .collapse import WideTree, collapse
 
 @dataclass(frozen=True)
 class BvhConfig:
-    """``max_leaf_size``: most primitives in a leaf; ``node_cost`` and ``primitive_cost``: what a visit and a test cost, in any
-    unit, for the choice between splitting and stopping."""
+    """``max_leaf_size``: most primitives in a leaf; ``node_cost`` and ``primitive_cost``: what a visit and a test
+    cost, in any unit, for the choice between splitting and stopping."""
 
     builder: Literal["sah"] = "sah"
     max_leaf_size: int = 4
@@ -49,7 +49,8 @@ class Bvh(Structure):
         begin = time.perf_counter()
         parts = geometry.primitives()
         self._device: bvh_traversal.DeviceTree | None = None
-        self._statistics: dict[str, Any] = {"kind": self.kind, "primitives": 0, "nodes": 0, "leaves": 0, "depth": 0, "bytes": 0}
+        empty = dict.fromkeys(("primitives", "nodes", "leaves", "depth", "bytes"), 0)
+        self._statistics: dict[str, Any] = {"kind": self.kind, **empty}
         if parts is not None:
             if len(parts) > wide_node.MAX_PRIMITIVES:
                 raise ValueError(f"a bvh holds at most {wide_node.MAX_PRIMITIVES} primitives, not {len(parts)}")
@@ -63,7 +64,8 @@ class Bvh(Structure):
                 primitive_cost=config.primitive_cost,
             )
             if len(wide.binary) > wide_node.MAX_NODES:
-                raise ValueError(f"a bvh has at most {wide_node.MAX_NODES} nodes, not {len(wide.binary)}: raise max_leaf_size")
+                most = wide_node.MAX_NODES
+                raise ValueError(f"a bvh has at most {most} nodes, not {len(wide.binary)}: raise max_leaf_size")
             words = wide_node.encode_nodes(tree, wide, self.types)
             whole = wide_node.leaf_reference(np.zeros(1, np.int64), np.array([len(parts)]))[0]
             self._root = dr.opaque(self.types.UInt, int(whole) if len(wide.binary) == 0 else 0)

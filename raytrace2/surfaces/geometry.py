@@ -24,8 +24,9 @@ from .surface import Surface
 class Geometry:
     """Surfaces in one precision, with every primitive numbered.
 
-    ``items`` may be leaf surfaces, structures (which are entered, not copied) and instances. ``surfaces`` lists the leaf surfaces
-    in order, those inside structures and groups included; ``Hit.surface`` indexes it. ``instances`` lists the instances.
+    ``items`` may be leaf surfaces, structures (which are entered, not copied) and instances. ``surfaces`` lists the
+    leaf surfaces in order, those inside structures and groups included; ``Hit.surface`` indexes it. ``instances``
+    lists the instances.
     """
 
     def __init__(self, items: Sequence[Surface], types: Types) -> None:
@@ -99,8 +100,10 @@ class Geometry:
         return dr.select(valid, surface, record.NONE), dr.select(valid, prim, record.NONE)
 
     def prepare(self) -> None:
-        """Makes the buffers that queries read. They cannot be made inside a symbolic loop, so a query that is first asked there
-        needs this before."""
+        """Makes the buffers that queries read.
+
+        They cannot be made inside a symbolic loop, so a query that is first asked there needs this before.
+        """
         if len(self.surfaces) > 1:
             _ = self._number_tables
         _ = self.shading

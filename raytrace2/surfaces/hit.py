@@ -10,9 +10,10 @@ from typing import Any
 class Hit:
     """The closest hit of each ray, enough for ``interact`` to find everything else.
 
-    ``t`` Float, inf on a miss; ``prim`` UInt, index within the surface; ``uv`` Array2f, barycentric weights of vertices 1 and
-    2 on triangles, local coordinates on rectangles and disks; ``surface`` UInt, index of the surface in the structure
-    (the order they were given in, groups flattened); ``instance`` UInt. On a miss the three indices are 0xFFFFFFFF.
+    ``t`` Float, inf on a miss; ``prim`` UInt, index within the surface; ``uv`` Array2f, barycentric weights of
+    vertices 1 and 2 on triangles, local coordinates on rectangles and disks; ``surface`` UInt, index of the surface
+    in the structure (the order they were given in, groups flattened); ``instance`` UInt. On a miss the three indices
+    are 0xFFFFFFFF.
     """
 
     t: Any
@@ -33,8 +34,9 @@ class Hit:
 
 @dataclass
 class Candidate:
-    """The best hit so far inside a traversal: ``t`` (the largest allowed t before any hit), two surface coordinates, the
-    primitive's number ``id`` in the structure, and that of the instance it was met through (None without instances)."""
+    """The best hit so far inside a traversal: ``t`` (the largest allowed t before any hit), two surface coordinates,
+    the primitive's number ``id`` in the structure, and that of the instance it was met through (None without
+    instances)."""
 
     t: Any
     u: Any

@@ -29,9 +29,9 @@ class Instance(Surface):
 
     def __post_init__(self) -> None:
         if not isinstance(self.structure, Structure):
-            raise GeometryError(f"{self.name}: an instance is of an acceleration structure; build one over the surfaces first")
+            raise GeometryError(f"{self.name}: an instance is of a structure; build one over the surfaces first")
         if self.structure.has_instances:
-            raise GeometryError(f"{self.name}: instances of instances are not supported; give the inner shapes directly")
+            raise GeometryError(f"{self.name}: instances do not nest; give the shapes of the inner one directly")
         object.__setattr__(self, "to_world", checked_transform(self.to_world, self.name))
 
     @property
@@ -42,10 +42,11 @@ class Instance(Surface):
         return transform_box(self.to_world, *self.structure.bounds())
 
     def placed(self, types: Types, *, id_offset: int, number: int, place: int) -> Primitives:
-        """The record that leads into the structure: ``id_offset`` is added to the numbers of its primitives, ``number`` is
-        the instance's own, ``place`` the structure's position among the nested ones."""
+        """The record that leads into the structure: ``id_offset`` is added to the numbers of its primitives,
+        ``number`` is the instance's own, ``place`` the structure's position among the nested ones."""
         lo, hi = self.bounds()
-        margin = 32 * types.epsilon * (np.abs(self.to_world[:3]).sum() * max(1.0, np.abs(self.structure.bounds()).max()))
+        reach = max(1.0, np.abs(self.structure.bounds()).max())
+        margin = 32 * types.epsilon * np.abs(self.to_world[:3]).sum() * reach
         geometry = np.linalg.inv(self.to_world)[:3].ravel()[None]
         records = record.make_records(geometry, np.array([id_offset]), record.INSTANCE + 8 * place, types, np.zeros(1))
         records[:, record.INSTANCE_NUMBER] = record.encode_integers(np.array([number]), types)

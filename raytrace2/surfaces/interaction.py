@@ -18,9 +18,10 @@ class SurfaceInteraction:
 
     Fields (one lane a ray): ``valid`` Bool; ``t`` Float (inf on a miss); ``p`` Array3f; ``n`` the geometric normal;
     ``sh_frame`` the shading frame; ``uv`` Array2f; ``dp_du``, ``dp_dv`` Array3f; ``prim_uv`` Array2f barycentric
-    coordinates of triangles (weights of vertices 1 and 2); ``wi`` the direction back along the ray *in the shading frame*; ``p_error`` a bound on
-    the rounding error of each component of ``p``; ``prim`` UInt index within the surface; ``surface`` UInt index of the surface in the scene; ``instance`` UInt
-    index of the instance surface, or 0xFFFFFFFF.
+    coordinates of triangles (weights of vertices 1 and 2); ``wi`` the direction back along the ray *in the shading
+    frame*; ``p_error`` a bound on the rounding error of each component of ``p``; ``prim`` UInt index within the
+    surface; ``surface`` UInt index of the surface in the scene; ``instance`` UInt index of the instance surface, or
+    0xFFFFFFFF.
     """
 
     valid: Any

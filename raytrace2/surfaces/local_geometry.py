@@ -52,7 +52,7 @@ class RayPoint:
     slack: Any
 
     def polished(self, to_local: Any, *, round_axis: bool) -> Any:
-        """The point moved along the ray onto the unit sphere, or the cylinder about z if ``round_axis``, of ``to_local``."""
+        """The point moved along the ray onto the local unit sphere, or the cylinder about z if ``round_axis``."""
         p, d = to_local.point(dr.detach(self.p)), to_local.vector(dr.detach(self.d))
         if round_axis:
             p.z, d.z = 0, 0
@@ -73,7 +73,8 @@ def on_triangle(
     textured: Any,
     prim_uv: Any,
 ) -> LocalGeometry:
-    """A point on a triangle by its barycentric weights ``prim_uv`` of vertices 1 and 2, whose derivatives are those of ``p``.
+    """A point on a triangle by its barycentric weights ``prim_uv`` of vertices 1 and 2, whose derivatives are those
+    of ``p``.
 
     ``smooth`` and ``textured`` say which lanes have normals and uv; without uv the parameterisation is barycentric.
     """
@@ -109,7 +110,7 @@ def on_triangle(
         uv = dr.select(textured, dr.fma(d1, b1, dr.fma(d2, b2, uv0)), uv)
         dp_du = dr.select(textured, dr.select(regular, (e1 * d2.y - e2 * d1.y) * inverse, any_u), dp_du)
         dp_dv = dr.select(textured, dr.select(regular, (e2 * d1.x - e1 * d2.x) * inverse, any_v), dp_dv)
-    # What interpolation adds up, and the shear and the edge functions of the ray test that the next ray meets here again.
+    # What interpolation adds up, and the shear and the edge functions of the test when the next ray meets this again.
     sizes = abs(p0) + 2 * (abs(e1) + abs(e2))
     error = dr.fmax(dr.fmax(sizes.x, sizes.y), sizes.z) * (8 * types_of(p).epsilon)
     return LocalGeometry(p, error, n, sh_n, uv, dp_du, dp_dv)

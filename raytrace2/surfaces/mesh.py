@@ -18,8 +18,9 @@ from .surface import Surface
 class TriangleMesh(Surface):
     """Triangles with shared vertices, in world coordinates.
 
-    ``vertices`` (n, 3) float, ``faces`` (m, 3) int, ``uv`` (n, 2) or None, ``normals`` (n, 3) or None (then shading is flat).
-    Dr.Jit arrays are accepted too. ``GeometryError`` for other shapes, no faces, indices out of range, NaN or infinite numbers.
+    ``vertices`` (n, 3) float, ``faces`` (m, 3) int, ``uv`` (n, 2) or None, ``normals`` (n, 3) or None (then shading
+    is flat). Dr.Jit arrays are accepted too. ``GeometryError`` for other shapes, no faces, indices out of range, NaN
+    or infinite numbers.
     """
 
     vertices: Any
@@ -37,7 +38,8 @@ class TriangleMesh(Surface):
             if value is not None:
                 array = _numbers(value, columns, self.name, key)
                 if len(array) != len(self.vertices):
-                    raise GeometryError(f"{self.name}: {len(array)} {key} for {len(self.vertices)} vertices; give one each")
+                    counts = f"{len(array)} {key} for {len(self.vertices)} vertices"
+                    raise GeometryError(f"{self.name}: {counts}; give one each")
                 set_(self, key, array)
 
     def _checked_faces(self) -> np.ndarray:
@@ -56,9 +58,8 @@ class TriangleMesh(Surface):
         bad = (faces < 0) | (faces >= len(self.vertices))
         if bad.any():
             row = int(np.flatnonzero(bad.any(axis=1))[0])
-            raise GeometryError(
-                f"{self.name}: face {row} has index {int(faces[row][bad[row]][0])}, but there are {len(self.vertices)} vertices"
-            )
+            index, count = int(faces[row][bad[row]][0]), len(self.vertices)
+            raise GeometryError(f"{self.name}: face {row} has index {index}, but there are {count} vertices")
         faces = np.ascontiguousarray(faces, dtype=np.uint32)
         faces.setflags(write=False)
         return faces
@@ -96,6 +97,7 @@ def _numbers(value: Any, columns: int, name: str, key: str) -> np.ndarray:
         row = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
         raise GeometryError(f"{name}: {key} {row} is {array[row].tolist()}; every number must be finite")
     if np.abs(array).max(initial=0) > 1e30:
-        raise GeometryError(f"{name}: {key} reach {np.abs(array).max():g}, beyond the 1e30 that float32 arithmetic can square")
+        largest = f"{np.abs(array).max():g}"
+        raise GeometryError(f"{name}: {key} reach {largest}; scale them down to 1e30 or less")
     array.setflags(write=False)
     return array

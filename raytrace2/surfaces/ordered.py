@@ -1,7 +1,7 @@
 """Minimum and maximum as one machine instruction, with a stated answer for NaN.
 
-``dr.fmin`` and ``dr.fmax`` need three instructions each on x86, to return the number when one argument is NaN; written as a
-comparison and a selection, LLVM finds the single instruction.
+``dr.fmin`` and ``dr.fmax`` need three instructions each on x86, to return the number when one argument is NaN;
+written as a comparison and a selection, LLVM finds the single instruction.
 """
 
 from __future__ import annotations

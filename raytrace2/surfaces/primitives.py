@@ -24,9 +24,12 @@ _QUADRIC_TESTS: dict[int, Callable[..., tuple[Any, Any, Any, Any]]] = {
 
 
 class Traversable(Protocol):
-    """A structure, or a batch of like ones told apart by ``root``, that can be entered from inside another's traversal."""
+    """A structure, or a batch of like ones told apart by ``root``, that another's traversal can enter."""
 
-    has_instances: bool
+    @property
+    def has_instances(self) -> bool:
+        """Whether a hit may have been met through an instance."""
+        ...
 
     def traverse(self, ray: LocalRay, best: Candidate, root: Any, active: Any) -> Candidate:
         """The closest hit of each active ray no farther than ``best.t``; ``best`` where there is none."""
@@ -50,11 +53,11 @@ class LocalRay:
 
 @dataclass(frozen=True, eq=False)
 class Primitives:
-    """``records`` (n, 16) as :mod:`.record` lays them out, and the bounds ``lo``, ``hi`` (n, 3) of each, all on the host.
+    """``records`` (n, 16) as :mod:`.record` lays them out, and the bounds ``lo``, ``hi`` (n, 3) of each, on the host.
 
-    ``kinds`` are the record kinds present, in the order of the codes; a ray test of a kind that is absent adds no operation to a
-    kernel. ``nested`` are the structures that records of kind INSTANCE and NESTED lead into; a record's KIND word is
-    ``kind + 8 * (position in nested)``. Bounds enclose the geometry *as the records hold it*.
+    ``kinds`` are the record kinds present, in the order of the codes; a ray test of a kind that is absent adds no
+    operation to a kernel. ``nested`` are the structures that records of kind INSTANCE and NESTED lead into; a
+    record's KIND word is ``kind + 8 * (position in nested)``. Bounds enclose the geometry *as the records hold it*.
     """
 
     types: Types
@@ -92,7 +95,8 @@ class Primitives:
 
     def upload(self) -> DevicePrimitives:
         """The records in a device buffer, ready to be met."""
-        return DevicePrimitives(self.types, owned(self.records, self.types.Float), self.kinds, self.nested, self.has_instances)
+        buffer = owned(self.records, self.types.Float)
+        return DevicePrimitives(self.types, buffer, self.kinds, self.nested, self.has_instances)
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +179,7 @@ class DevicePrimitives:
         return _QUADRIC_TESTS[kind](words, ray, ray.tmin, tmax)
 
     def _into(self, kind: int, words: list[Any], ray: LocalRay) -> LocalRay:
-        """The ray in the coordinates of a nested structure; its direction is not normalised, so t means the same inside."""
+        """The ray in the coordinates of a nested structure; not normalised, so that t means the same inside."""
         if kind == record.NESTED:
             return LocalRay(ray.o, ray.d, ray.tmin, ray.tmax)
         rows = [words[4 * k : 4 * k + 4] for k in range(3)]

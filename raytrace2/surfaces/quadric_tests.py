@@ -1,8 +1,8 @@
 """Ray tests of spheres, rectangles, disks and cylinders on primitive records.
 
-Each takes a record's words and a ray and gives, for the *line* of the ray: whether it is met between ``tmin`` and ``tmax``,
-t there, and two surface coordinates (zero for the sphere and the cylinder, whose parameterisation is recovered from the
-point; local x and y for rectangles and disks).
+Each takes a record's words and a ray and gives, for the *line* of the ray: whether it is met between ``tmin`` and
+``tmax``, t there, and two surface coordinates (zero for the sphere and the cylinder, whose parameterisation is
+recovered from the point; local x and y for rectangles and disks).
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def intersect_disk(words: list[Any], ray: Any, tmin: Any, tmax: Any) -> tuple[An
 
 
 def intersect_cylinder(words: list[Any], ray: Any, tmin: Any, tmax: Any) -> tuple[Any, Any, Any, Any]:
-    """Words: the rows of the world-to-local matrix; the open cylinder has unit radius about local z, from z = 0 to 1."""
+    """Words: the rows of the world-to-local matrix; the open cylinder has unit radius about local z from 0 to 1."""
     dx, dy, dz = (_row(words, k, ray.d, 0) for k in range(3))
     # The origin moves along the ray to near the cylinder, so that none of the digits that matter are lost from afar.
     far_x, far_y, far_z = (_row(words, k, ray.o, 1) for k in range(3))

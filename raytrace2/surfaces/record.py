@@ -1,9 +1,10 @@
 """Primitive records: sixteen words that tell a ray test all it needs about one primitive.
 
-Every kind of primitive fits the same record, so that a leaf that mixes kinds reads one packet and then asks for its kind.
-Words 0 to 11 hold the geometry; :data:`ID` the primitive's number; :data:`KIND` one of the codes below; :data:`ROOT`,
-for a nested structure, which of its roots to enter, and :data:`INSTANCE_NUMBER` which instance leads there. Integers travel as the bits of a float in float32, as the
-value of a float in float64 (where every 32-bit integer is exact).
+Every kind of primitive fits the same record, so that a leaf that mixes kinds reads one packet and then asks for its
+kind. Words 0 to 11 hold the geometry; :data:`ID` the primitive's number; :data:`KIND` one of the codes below;
+:data:`ROOT`, for a nested structure, which of its roots to enter, and :data:`INSTANCE_NUMBER` which instance leads
+there. Integers travel as the bits of a float in float32, as the value of a float in float64 (where every 32-bit
+integer is exact).
 """
 
 from __future__ import annotations
@@ -29,7 +30,9 @@ KIND_NAMES = ("triangle", "sphere", "rectangle", "disk", "cylinder", "instance",
 NONE = 0xFFFFFFFF
 
 
-def make_records(geometry: np.ndarray, ids: np.ndarray, kind: int, types: Types, roots: np.ndarray | None = None) -> np.ndarray:
+def make_records(
+    geometry: np.ndarray, ids: np.ndarray, kind: int, types: Types, roots: np.ndarray | None = None
+) -> np.ndarray:
     """Records (n, 16) in the precision of ``types`` from ``geometry`` (n, at most 12) and integer ``ids`` (n,)."""
     records = np.zeros((len(geometry), WORDS), dtype=types.numpy)
     records[:, : geometry.shape[1]] = geometry

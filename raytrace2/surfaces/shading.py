@@ -1,4 +1,4 @@
-"""The second phase of a ray query: from the number of what was met to its position, normals, uv and partial derivatives."""
+"""The second phase of a ray query: from the number of what was met to its position, normals, uv and derivatives."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ class Shading:
         return _finish(geometry, ray, t, hit, valid, types)
 
     def _local_geometry(self, o: Any, d: Any, t: Any, hit: Hit, valid: Any) -> LocalGeometry:
-        """The geometry where the rays ``o + t d`` are at hits, both in the coordinates of the surfaces that they met."""
+        """The geometry at ``o + t d``, with ``o`` and ``d`` in the coordinates of the surface that each ray met."""
         types = self.types
         t = dr.select(valid, t, 0)
         p = dr.fma(d, t, o)
@@ -186,8 +186,8 @@ class Rows:
         return type(v)(*(dr.fma(r[0][k], v.x, dr.fma(r[1][k], v.y, r[2][k] * v.z)) for k in range(3)))
 
     def error(self, p: Any, error: Any) -> Any:
-        """A bound on the rounding error, per component, of :meth:`point` at a point known to within ``error``, with room for
-        the rounded matrix and for a ray test that works with its inverse."""
+        """A bound on the rounding error, per component, of :meth:`point` at a point known to within ``error``, with
+        room for the rounded matrix and for a ray test that works with its inverse."""
         at = abs(p) + error
         sizes = []
         for a, b, c, t in self.rows:

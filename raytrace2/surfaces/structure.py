@@ -57,16 +57,16 @@ class Structure(Surface):
         raise NotImplementedError
 
     def intersect(self, ray: Any, active: Any = True) -> Hit:
-        ray = self._checked(ray)
-        types, width = self.types, len(ray)
+        ray, active = self._checked(ray), self.types.Bool(active)
+        types, width = self.types, _width(ray, active)
         zero = dr.zeros(types.Float, width)
         none = dr.full(types.UInt, NONE, width)
-        # A hit at infinity is no hit: it comes from overflow.
-        farthest = dr.fmin(ray.tmax + zero, types.largest)
-        start = Candidate(farthest, zero, zero + 0, none, dr.full(types.UInt, NONE, width) if self.has_instances else None)
+        farthest = self._farthest(ray) + zero
+        instance = dr.full(types.UInt, NONE, width) if self.has_instances else None
+        start = Candidate(farthest, zero, zero + 0, none, instance)
         with dr.suspend_grad():
             local = LocalRay(ray.o, ray.d, ray.tmin, farthest)
-            found = self.traverse(local, start, dr.zeros(types.UInt, width), active)
+            found = self.traverse(local, start, dr.zeros(types.UInt, width), _can_hit(ray) & active)
         valid = found.id != NONE
         surface, prim = self.geometry.surface_and_prim(found.id, valid)
         instance = dr.full(types.UInt, NONE, width) if found.instance is None else found.instance
@@ -74,14 +74,18 @@ class Structure(Surface):
         return Hit(t, prim, types.Array2f(found.u, found.v), surface, instance)
 
     def occluded(self, ray: Any, active: Any = True) -> Any:
-        ray = self._checked(ray)
-        farthest = dr.fmin(ray.tmax + dr.zeros(self.types.Float, len(ray)), self.types.largest)
+        ray, active = self._checked(ray), self.types.Bool(active)
         with dr.suspend_grad():
-            local = LocalRay(ray.o, ray.d, ray.tmin, farthest)
-            return self.traverse_any(local, dr.zeros(self.types.UInt, len(ray)), active)
+            local = LocalRay(ray.o, ray.d, ray.tmin, self._farthest(ray))
+            return self.traverse_any(local, dr.zeros(self.types.UInt, _width(ray, active)), _can_hit(ray) & active)
 
     def interact(self, ray: Any, hit: Hit) -> SurfaceInteraction:
         return self.geometry.interact(self._checked(ray), hit)
+
+    def _farthest(self, ray: Ray) -> Any:
+        """tmax, but finite: a hit at infinity is no hit, it comes from overflow. NaN stays, and admits nothing."""
+        largest = self.types.largest
+        return dr.select(ray.tmax > largest, largest, ray.tmax)
 
     def _checked(self, ray: Any) -> Ray:
         if not isinstance(ray, Ray):
@@ -89,5 +93,14 @@ class Structure(Surface):
         given = dr.type_v(ray.o) == dr.VarType.Float64
         if given != (self.types.precision == "float64"):
             wanted = self.types.precision
-            raise TypeError(f"this structure was built for {wanted} rays; make them with Ray(o, d, precision={wanted!r})")
+            raise TypeError(f"this structure takes {wanted} rays; make them with Ray(o, d, precision={wanted!r})")
         return ray
+
+
+def _width(ray: Ray, active: Any) -> int:
+    return dr.width((ray.o, ray.d, ray.tmin, ray.tmax, active))
+
+
+def _can_hit(ray: Ray) -> Any:
+    """Bool: rays that are rays. NaN would meet every box on its way to no primitive."""
+    return dr.all(dr.isfinite(ray.o)) & dr.all(dr.isfinite(ray.d)) & dr.any(ray.d != 0)

@@ -10,7 +10,7 @@ from ..errors import GeometryError
 
 
 def checked_transform(matrix: np.ndarray, what: str) -> np.ndarray:
-    """``matrix`` as a read-only float64 (4, 4) affine map that can be inverted; ``GeometryError`` naming ``what`` otherwise."""
+    """``matrix`` as a read-only float64 (4, 4) map, affine and invertible; ``GeometryError`` naming ``what`` if not."""
     result = np.array(matrix, dtype=np.float64)
     if result.shape != (4, 4):
         raise GeometryError(f"{what}: to_world must have shape (4, 4), not {result.shape}")
@@ -31,7 +31,7 @@ def transform_points(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def transform_box(matrix: np.ndarray, lo: np.ndarray, hi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The axis-aligned box (3,), (3,) around the image of a box, widened by the rounding of float32 arithmetic on it."""
+    """The axis-aligned box (3,), (3,) around the image of a box."""
     corners = np.array(list(itertools.product(*zip(lo, hi, strict=True))), dtype=np.float64)
     image = transform_points(matrix, corners)
     return image.min(axis=0), image.max(axis=0)

@@ -19,7 +19,10 @@ from .ordered import greater, lesser
 
 @dataclass
 class Shear:
-    """Per ray: the rows of the matrix that takes the ray to an axis. ``u`` and ``v`` span the shadow plane, ``w`` measures t."""
+    """Per ray: the rows of the matrix that takes the ray to an axis.
+
+    ``u`` and ``v`` span the shadow plane, ``w`` measures t.
+    """
 
     u: Any
     v: Any
