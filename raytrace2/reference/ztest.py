@@ -148,7 +148,8 @@ def ztest(
         failing_share_rgb=tuple(float((p[..., c] < FAILING_P).sum()) / max(1, judged) for c in range(3)),  # type: ignore[arg-type]
         chance_share=chance, failing_bound=bound, effective_pixels=effective, p_exact=p_exact, p_pixels=p_pixels,
         p_tiles=p_tiles, p_mean=p_mean, worst_tile=worst, worst_tile_z=worst_z, mean_difference=mean_difference,
-        mean_z=mean_z, noise_ratio=noise_ratio, mismatched_pixels=int(mismatched.sum()), nonfinite_pixels=int(nonfinite.sum()),
+        mean_z=mean_z, noise_ratio=noise_ratio,
+        mismatched_pixels=int(mismatched.sum()), nonfinite_pixels=int(nonfinite.sum()),
         unjudged_pixels=int(broken_reference.sum()), reasons=tuple(reasons), z=z, p=p, failing=failing,
     )
 

@@ -76,7 +76,8 @@ def test_a_damaged_cache_file_is_rendered_anew(tmp_path: Path, damage: str) -> N
         file.write_bytes(damaged[damage])
     again = _render(tmp_path)
     assert not again.from_cache
-    np.testing.assert_array_equal(again.batch_means, first.batch_means)
+    # Mitsuba's films add samples in an order that varies from run to run.
+    np.testing.assert_allclose(again.batch_means, first.batch_means, rtol=1e-4)
     assert _render(tmp_path).from_cache
 
 
@@ -114,7 +115,7 @@ def test_dicts_files_and_luminance(tmp_path: Path) -> None:
     assert _render(tmp_path, _dict(), parameters=None).from_cache
     file = tmp_path / "scene.xml"
     file.write_text(SCENE)
-    np.testing.assert_array_equal(_render(tmp_path, file).batch_means, _render(tmp_path).batch_means)
+    np.testing.assert_allclose(_render(tmp_path, file).batch_means, _render(tmp_path).batch_means, rtol=1e-4)
 
 
 def test_content_of_files_and_bitmaps_decides(tmp_path: Path) -> None:
