@@ -16,6 +16,9 @@ from .render import choose_integrator, render_detailed
 from .scene.description import Integrator
 from .scene.scene import Scene
 
+#: Our samplers draw Mitsuba's numbers from Mitsuba's seeds; a noise test needs the two sides independent, so ours start here.
+SEED_OFFSET = 1 << 31
+
 #: Renders with seeds of their own, on each side, that the noise is estimated from.
 BATCHES = 16
 
@@ -91,7 +94,7 @@ def _batches(
     for k in tqdm(range(BATCHES), desc="raytrace2", unit="batch", disable=None if progress is None else not progress):
         begin = time.perf_counter()
         done = render_detailed(
-            scene, sensor, settings, seed=seed * BATCHES + k, spp=each, accel=accel, filter=filter, precision=precision,
+            scene, sensor, settings, seed=SEED_OFFSET + seed * BATCHES + k, spp=each, accel=accel, filter=filter, precision=precision,
             size=size, progress=False,
         )  # fmt: skip
         image = np.array(done.image)

@@ -20,7 +20,8 @@ from .rays.camera import make_camera
 from .rays.ray import Ray
 from .rays.sampler import Sampler, make_sampler
 from .rays.wavefront import split_passes
-from .scene.description import Camera, Integrator
+from .scene.description import Camera, Integrator, PerspectiveCamera
+from .scene.field_of_view import fov_along, x_fov_of
 from .scene.scene import Scene
 from .scene.traced import TracedScene
 
@@ -158,6 +159,10 @@ def choose_camera(scene: Scene, sensor: int, size: tuple[int, int] | None) -> Ca
         crop_width=min(max(round(film.crop_width * sx), 1), width - left),
         crop_height=min(max(round(film.crop_height * sy), 1), height - top),
     )  # fmt: skip
+    if isinstance(camera, PerspectiveCamera):
+        old, new = camera.film.width / camera.film.height, width / height
+        fov = fov_along(camera.x_fov, camera.fov_axis, old)
+        return replace(camera, film=film, x_fov=x_fov_of(fov, camera.fov_axis, new))
     return replace(camera, film=film)
 
 

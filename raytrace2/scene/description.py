@@ -301,9 +301,11 @@ class Camera:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PerspectiveCamera(Camera):
-    """``x_fov``: full horizontal field of view in degrees over the whole (uncropped) image."""
+    """``x_fov``: full horizontal field of view in degrees over the whole (uncropped) image; ``fov_axis`` the axis along which it
+    was given, whose field of view stays when the film gets another shape."""
 
     x_fov: float
+    fov_axis: str = "x"
     principal_point_offset_x: float = 0.0
     principal_point_offset_y: float = 0.0
 

@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from .description import Camera, Film, OrthographicCamera, PerspectiveCamera, ThinLensCamera
+from .field_of_view import x_fov_of
 from .nodes import Node
 from .read_film import read_film, read_sampler
 from .read_lights import frozen, has_scale
@@ -44,7 +45,7 @@ def read_camera(node: Node, reading: Reading) -> Camera | None:
         return OrthographicCamera(**common)
     if has_scale(matrix):
         reading.refuse(node, "'to_world' must not scale", "remove the scale; use the field of view to see more or less")
-    common["x_fov"] = _x_fov(properties, film)
+    common["x_fov"], common["fov_axis"] = _x_fov(properties, film)
     camera: Camera
     if node.plugin == "thinlens":
         camera = ThinLensCamera(
@@ -60,10 +61,9 @@ def read_camera(node: Node, reading: Reading) -> Camera | None:
     return camera
 
 
-def _x_fov(properties: PropertyReader, film: Film) -> float:
-    """The horizontal field of view in degrees, as Mitsuba derives it from what is given (aspect: width / height)."""
+def _x_fov(properties: PropertyReader, film: Film) -> tuple[float, str]:
+    """The horizontal field of view in degrees, as Mitsuba derives it from what is given, and the axis that it was given for."""
     node, reading = properties.node, properties.reading
-    aspect = film.width / film.height
     axis = properties.choice("fov_axis", _FOV_AXES, fold=True)
     if properties.has("fov") and properties.has("focal_length"):
         reading.refuse(node, "has both 'fov' and 'focal_length'", "keep one of them")
@@ -71,20 +71,13 @@ def _x_fov(properties: PropertyReader, film: Film) -> float:
         fov = properties.number("fov")
         if not 0.0 < fov < 180.0:
             reading.refuse(node, f"'fov' must be between 0 and 180 degrees, not {fov:g}")
-            return 45.0
-        if axis in ("smaller", "larger"):
-            axis = "y" if (aspect > 1.0) == (axis == "smaller") else "x"
+            return 45.0, axis
         properties.ignore("focal_length")
     else:
         length = _focal_length(properties)
         # The diagonal of 35 mm film
         fov, axis = 2.0 * math.degrees(math.atan(math.hypot(36.0, 24.0) / (2.0 * length))), "diagonal"
-    half = math.tan(0.5 * math.radians(fov))
-    if axis == "y":
-        return math.degrees(2.0 * math.atan(half * aspect))
-    if axis == "diagonal":
-        return math.degrees(2.0 * math.atan(half / math.sqrt(1.0 + 1.0 / (aspect * aspect))))
-    return fov
+    return x_fov_of(fov, axis, film.width / film.height), axis
 
 
 def _focal_length(properties: PropertyReader) -> float:
