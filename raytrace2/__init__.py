@@ -10,6 +10,7 @@ from . import accel  # noqa: E402
 from .compare import compare  # noqa: E402
 from .errors import EnvironmentProblem, FileError, GeometryError, RayTraceError, SceneError  # noqa: E402
 from .load import load_dict, load_file, load_string  # noqa: E402
+from .notebook import show_images_in_notebooks as _show_images_in_notebooks  # noqa: E402
 from .rays.ray import Ray  # noqa: E402
 from .reference.comparison import Comparison  # noqa: E402
 from .render import RenderInterrupted, render  # noqa: E402
@@ -47,3 +48,5 @@ __all__ = [
     "load_string",
     "render",
 ]
+
+_show_images_in_notebooks()

@@ -18,6 +18,10 @@ from .errors import RayTraceError
 
 # Each is a module of raytrace2.commands, imported only when it is the one asked for.
 COMMANDS = {
+    "render": "a scene file to an image file",
+    "compare": "our image of a scene beside Mitsuba's, as figures and as a web page",
+    "demo": "the room of Igehy's paper, rendered and compared",
+    "bench": "rays per second beside Mitsuba and Embree, on the same rays in the same process",
     "doctor": "what this machine has, and whether a ray can be traced with it",
 }
 

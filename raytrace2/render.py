@@ -31,15 +31,6 @@ MAX_LANES = 1 << 21
 _RADIANCE: dict[str, Callable[..., Any]] = {"path": path, "direct": direct}
 
 
-class RenderInterrupted(KeyboardInterrupt):
-    """Ctrl-C during a render. ``image`` holds what was done: ``samples`` of every pixel at least."""
-
-    def __init__(self, image: Any, samples: int) -> None:
-        super().__init__(f"interrupted after {samples} samples per pixel")
-        self.image = image
-        self.samples = samples
-
-
 @dataclass(frozen=True)
 class Rendering:
     """An image (TensorXf, height x width x channels) with the names of its channels, the samples per pixel that were taken, and
@@ -50,6 +41,20 @@ class Rendering:
     spp: int
     prepare_seconds: float
     seconds: float
+
+
+class RenderInterrupted(KeyboardInterrupt):
+    """Ctrl-C during a render. ``partial`` holds what was done: ``partial.spp`` samples of every pixel, and of some pixels
+    more; None if not even one pass was."""
+
+    def __init__(self, partial: Rendering | None) -> None:
+        super().__init__(f"interrupted after {partial.spp if partial else 0} samples per pixel")
+        self.partial = partial
+
+    @property
+    def image(self) -> Any:
+        """The image of ``partial``, or None."""
+        return self.partial.image if self.partial else None
 
 
 def render(
@@ -112,8 +117,21 @@ def render_detailed(
     names += channel_names(settings)
     film = Film(camera_settings.film, types, len(names))
     passes = split_passes(film.pixel_count, sampler.sample_count, max_lanes)
+    if camera_settings.film.pixel_format == "luminance" and names[:3] == ["R", "G", "B"]:
+        names[:3] = ["Y"]
     prepared = time.perf_counter()
-    done = 0
+
+    def finished(samples: int) -> Rendering:
+        image = film.develop()
+        dr.eval(image)
+        dr.sync_thread()
+        bad = film.non_finite_samples()
+        if bad:
+            message = f"{bad} samples were NaN or infinite and were left out of the image"
+            warnings.warn(message, RuntimeWarning, stacklevel=4)
+        return Rendering(image, names, samples, prepared - begin, time.perf_counter() - prepared)
+
+    some, complete = False, 0
     with _bar(progress, len(passes)) as bar:
         try:
             for wavefront in passes:
@@ -123,21 +141,13 @@ def render_detailed(
                 values = _sample(traced, settings, camera, film, sampler, pixel, offset)
                 film.add(wavefront, offset, values)
                 dr.sync_thread()
+                some = True
                 if wavefront.first_pixel + wavefront.pixels == film.pixel_count:
-                    done = wavefront.first_sample + wavefront.samples
+                    complete = wavefront.first_sample + wavefront.samples
                 bar.update()
         except KeyboardInterrupt:
-            raise RenderInterrupted(film.develop(), done) from None
-    image = film.develop()
-    dr.eval(image)
-    dr.sync_thread()
-    seconds = time.perf_counter() - prepared
-    bad = film.non_finite_samples()
-    if bad:
-        warnings.warn(f"{bad} samples were NaN or infinite and were left out of the image", RuntimeWarning, stacklevel=3)
-    if camera_settings.film.pixel_format == "luminance" and names[:3] == ["R", "G", "B"]:
-        names[:3] = ["Y"]
-    return Rendering(image, names, sampler.sample_count, prepared - begin, seconds)
+            raise RenderInterrupted(finished(complete) if some else None) from None
+    return finished(sampler.sample_count)
 
 
 def choose_camera(scene: Scene, sensor: int, size: tuple[int, int] | None) -> Camera:

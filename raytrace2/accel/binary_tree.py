@@ -9,8 +9,8 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class BinaryTree:
-    """Node k has bounds ``lo[k]``, ``hi[k]``; an inner node's children are ``left[k]`` and ``left[k] + 1``, both later than k;
-    ``left[k]`` is -1 for a leaf. Every node holds the primitives ``order[first[k] : first[k] + count[k]]``."""
+    """Node k has bounds ``lo[k]``, ``hi[k]``; an inner node's children are ``left[k]`` and ``left[k] + 1``, both later than
+    k; ``left[k]`` is -1 for a leaf. Every node holds the primitives ``order[first[k] : first[k] + count[k]]``."""
 
     lo: np.ndarray
     hi: np.ndarray
@@ -32,6 +32,6 @@ class BinaryTree:
 
 
 def surface_area(lo: np.ndarray, hi: np.ndarray) -> np.ndarray:
-    """Half the surface area of boxes (..., 3); zero for an empty box (lo > hi)."""
-    size = np.maximum(hi - lo, 0)
-    return size[..., 0] * size[..., 1] + size[..., 1] * size[..., 2] + size[..., 2] * size[..., 0]
+    """Half the surface area of boxes (..., 3), in float64; zero for an empty box (lo > hi)."""
+    x, y, z = (np.maximum(np.subtract(hi[..., k], lo[..., k], dtype=np.float64), 0) for k in range(3))
+    return x * y + y * z + z * x

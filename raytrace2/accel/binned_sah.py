@@ -1,112 +1,116 @@
-"""Binned surface-area-heuristic build, a whole level at a time (Wald 2007, "On fast construction of SAH-based BVHs")."""
+"""Surface-area-heuristic build, a whole level of nodes at a time.
+
+After Wald 2007, "On fast construction of SAH-based bounding volume hierarchies".
+"""
 
 from __future__ import annotations
 
+from typing import Any
+
+import drjit as dr
 import numpy as np
 
-from .binary_tree import BinaryTree, surface_area
+from ..buffers import owned
+from ..surfaces.record import encode_integers
+from ..types import Types, types
+from .binary_tree import BinaryTree
+from .sah_boxes import COUNT, FIRST, WORDS, lanes
+from .sah_level import Level
+from .sah_split import split_small
+from .sah_split_large import split_large
 
-#: Bins per axis. Sixteen come within a few per cent of a full sweep's cost.
-BINS = 16
+#: Nodes of up to TINY primitives are split by an exact sweep, those of more than LARGE by several lanes together.
+TINY = 8
+LARGE = 4096
+#: Levels split by cost. Below, nodes are halved by number: no input makes a tree deeper than this and its logarithm.
+COST_LEVELS = 128
 
 
 def build_binned_sah(lo: np.ndarray, hi: np.ndarray) -> BinaryTree:
-    """A binary tree over boxes ``lo``, ``hi`` (n, 3) with one primitive a leaf.
+    """A binary tree over boxes ``lo``, ``hi`` (n, 3), float32 or float64, with one primitive a leaf.
 
-    Each level's nodes are split together by array operations, so that the cost in Python is one pass per level. Nodes whose
-    centroids coincide are split by count, which bounds the depth for any input.
+    Primitives move with their boxes from level to level, so that a node's are side by side in memory; all nodes of a
+    level are split by the same few kernels. The result does not depend on how the work is shared.
     """
-    n = len(lo)
-    centroid = lo * 0.5 + hi * 0.5
-    order = np.arange(n)
-    starts, counts = np.zeros(1, np.int64), np.full(1, n, np.int64)
-    node_lo, node_hi = [lo.min(axis=0)[None]], [hi.max(axis=0)[None]]
-    lefts: list[np.ndarray] = []
-    firsts: list[np.ndarray] = []
-    totals: list[np.ndarray] = []
+    kinds = types(str(lo.dtype))
+    primitives, nodes, middles = _start(lo, hi, kinds)
+    spare = dr.empty(kinds.Float, dr.width(primitives))
+    order = np.empty(len(lo), np.int64)
+    found: list[tuple[np.ndarray, np.ndarray]] = []
     made = 1
-    while len(starts):
-        inner = counts > 1
-        left = np.full(len(starts), -1, np.int64)
-        left[inner] = made + 2 * np.arange(np.count_nonzero(inner))
-        lefts.append(left)
-        firsts.append(starts)
-        totals.append(counts)
-        starts, counts = starts[inner], counts[inner]
-        if len(starts) == 0:
+    while True:
+        table = nodes.numpy().reshape(-1, WORDS)
+        first, count = (_integers(table[:, k], kinds) for k in (FIRST, COUNT))
+        single = first[count == 1]
+        order[single] = _integers(primitives.numpy().reshape(-1, WORDS)[single, FIRST], kinds)
+        inner = np.flatnonzero(count > 1)
+        left = np.full(len(table), -1, np.int64)
+        left[inner] = made + 2 * np.arange(len(inner))
+        found.append((table, left))
+        if len(inner) == 0:
             break
-        made += 2 * len(starts)
-        left_count, bounds = _split_level(lo, hi, centroid, order, starts, counts)
-        node_lo.append(bounds[0].reshape(-1, 3))
-        node_hi.append(bounds[1].reshape(-1, 3))
-        starts = np.stack([starts, starts + left_count], axis=1).ravel()
-        counts = np.stack([left_count, counts - left_count], axis=1).ravel()
-    join = np.concatenate
-    return BinaryTree(join(node_lo), join(node_hi), join(lefts), join(firsts), join(totals), order)
+        made += 2 * len(inner)
+        next_nodes, next_middles = (dr.empty(kinds.Float, 2 * WORDS * len(inner)) for _ in range(2))
+        level = Level(
+            kinds, primitives, nodes, middles, spare, next_nodes, next_middles, by_count=len(found) > COST_LEVELS
+        )
+        _split_level(level, inner, first[inner], count[inner])
+        primitives, spare, nodes, middles = spare, primitives, next_nodes, next_middles
+    packets = np.concatenate([table for table, _ in found])
+    lefts = np.concatenate([left for _, left in found])
+    first, count = (_integers(packets[:, k], kinds) for k in (FIRST, COUNT))
+    return BinaryTree(packets[:, :3].copy(), -packets[:, 3:6], lefts, first, count, order)
 
 
-def _split_level(
-    lo: np.ndarray, hi: np.ndarray, centroid: np.ndarray, order: np.ndarray, starts: np.ndarray, counts: np.ndarray
-) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
-    """Splits nodes ``order[starts : starts + counts]``, each of two or more primitives: reorders ``order`` in place and gives
-    the size of each left child and the bounds of both, (m, 2, 3) each."""
-    m = len(starts)
-    node = np.repeat(np.arange(m), counts)
-    offsets = np.cumsum(counts) - counts
-    position = np.arange(len(node)) + np.repeat(starts - offsets, counts)
-    index = order[position]
-    centers = centroid[index]
-    least = np.minimum.reduceat(centers, offsets)
-    extent = np.maximum.reduceat(centers, offsets) - least
-    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        scale = np.where(extent > 0, BINS / extent, 0)
-        relative = (centers - least[node]) * scale[node]
-    bins = np.clip(np.nan_to_num(relative, nan=0, posinf=BINS - 1), 0, BINS - 1).astype(np.int64)
-
-    cost = np.full(m, np.inf)
-    axis = np.zeros(m, np.int64)
-    last_left = np.zeros(m, np.int64)
-    for k in range(3):
-        axis_cost, axis_last = _cheapest_plane(lo[index], hi[index], node * BINS + bins[:, k], m)
-        better = axis_cost < cost
-        cost[better], axis[better], last_left[better] = axis_cost[better], k, axis_last[better]
-
-    right = bins[np.arange(len(node)), axis[node]] > last_left[node]
-    together = ~np.isfinite(cost)
-    if together.any():
-        local = np.arange(len(node)) - np.repeat(offsets, counts)
-        right = np.where(together[node], local >= (counts // 2)[node], right)
-    left_count = np.add.reduceat((~right).astype(np.int64), offsets)
-    rank = np.argsort(node * 2 + right, kind="stable")
-    sorted_index = index[rank]
-    order[position] = sorted_index
-    children = np.stack([offsets, offsets + left_count], axis=1).ravel()
-    child_lo = np.minimum.reduceat(lo[sorted_index], children).reshape(m, 2, 3)
-    child_hi = np.maximum.reduceat(hi[sorted_index], children).reshape(m, 2, 3)
-    return left_count, (child_lo, child_hi)
+def _start(lo: np.ndarray, hi: np.ndarray, kinds: Types) -> tuple[Any, Any, Any]:
+    """The primitives, the root and the box around the primitives' middles, as packets."""
+    n = len(lo)
+    primitives = np.zeros((n, WORDS), lo.dtype)
+    primitives[:, :3] = lo
+    np.negative(hi, out=primitives[:, 3:6])
+    primitives[:, FIRST] = encode_integers(np.arange(n), kinds)
+    root = np.zeros((2, WORDS), lo.dtype)
+    root[0] = _least(primitives)
+    root[0, FIRST:] = encode_integers(np.array([0, n]), kinds)
+    middle = lo * 0.5 + hi * 0.5
+    root[1, :3], root[1, 3:6] = _least(middle), _least(-middle)
+    return owned(primitives, kinds.Float), owned(root[0], kinds.Float), owned(root[1], kinds.Float)
 
 
-def _cheapest_plane(lo: np.ndarray, hi: np.ndarray, key: np.ndarray, m: int) -> tuple[np.ndarray, np.ndarray]:
-    """For each of ``m`` nodes the least SAH cost of a plane between bins, and the last bin on its left. ``key`` (node times
-    BINS plus bin) tells each box's bin. The cost is infinite where all boxes share a bin."""
-    rank = np.argsort(key, kind="stable")
-    sorted_key = key[rank]
-    begins = np.flatnonzero(np.concatenate([[True], sorted_key[1:] != sorted_key[:-1]]))
-    filled = sorted_key[begins]
-    bin_lo = np.full((m * BINS, 3), np.inf, lo.dtype)
-    bin_hi = np.full((m * BINS, 3), -np.inf, lo.dtype)
-    bin_count = np.zeros(m * BINS, np.int64)
-    bin_lo[filled] = np.minimum.reduceat(lo[rank], begins)
-    bin_hi[filled] = np.maximum.reduceat(hi[rank], begins)
-    bin_count[filled] = np.diff(np.append(begins, len(key)))
-    bin_lo, bin_hi, bin_count = bin_lo.reshape(m, BINS, 3), bin_hi.reshape(m, BINS, 3), bin_count.reshape(m, BINS)
-    left_area = surface_area(np.minimum.accumulate(bin_lo, 1), np.maximum.accumulate(bin_hi, 1))[:, :-1]
-    right_area = surface_area(
-        np.minimum.accumulate(bin_lo[:, ::-1], 1), np.maximum.accumulate(bin_hi[:, ::-1], 1)
-    )[:, ::-1][:, 1:]
-    left_count = np.cumsum(bin_count, axis=1)[:, :-1]
-    right_count = bin_count.sum(axis=1, keepdims=True) - left_count
-    cost = left_area * left_count + right_area * right_count
-    cost = np.where((left_count > 0) & (right_count > 0), cost, np.inf)
-    best = np.argmin(cost, axis=1)
-    return cost[np.arange(m), best], best
+def _least(rows: np.ndarray) -> np.ndarray:
+    """The least of each column. NumPy is slow at reducing long thin tables: so they are folded to short wide ones."""
+    fold = 64
+    while len(rows) > 16 * fold:
+        whole = len(rows) // fold * fold
+        folded = rows[:whole].reshape(fold, -1).min(axis=0).reshape(-1, rows.shape[1])
+        rows = np.concatenate([folded, rows[whole:]])
+    return rows.min(axis=0)
+
+
+def _split_level(level: Level, node: np.ndarray, first: np.ndarray, count: np.ndarray) -> None:
+    """Splits nodes ``node`` of the level, each of two or more primitives."""
+    place = 2 * np.arange(len(node))
+    large = np.flatnonzero(count > LARGE)
+    if len(large):
+        split_large(level, node[large], place[large], first[large], count[large], LARGE)
+    for exact, some in ((True, count <= TINY), (False, (count > TINY) & (count <= LARGE))):
+        chosen = np.flatnonzero(some)
+        if len(chosen):
+            chosen = chosen[_like_sizes_together(count[chosen])]
+            split_small(level, *lanes(level.types, node[chosen], place[chosen]), exact=exact)
+    dr.eval(level.next_nodes, level.next_middles, level.next_primitives)
+
+
+def _like_sizes_together(count: np.ndarray) -> np.ndarray:
+    """An order in which neighbours, which run in step, have like counts, while each quarter, which a thread may take, has
+    its share of every count."""
+    lanes = 16
+    order = np.argsort(count.astype(np.uint16), kind="stable")
+    whole = len(order) // (4 * lanes) * 4 * lanes
+    dealt = order[:whole].reshape(-1, 4, lanes).transpose(1, 0, 2).ravel()
+    return np.concatenate([dealt, order[whole:]])
+
+
+def _integers(words: np.ndarray, kinds: Types) -> np.ndarray:
+    words = np.ascontiguousarray(words)
+    return (words.view(np.uint32) if kinds.precision == "float32" else words).astype(np.int64)

@@ -11,8 +11,8 @@ from .binary_tree import BinaryTree, surface_area
 
 @dataclass(frozen=True, eq=False)
 class WideTree:
-    """Wide node k is binary node ``binary[k]``; its children are binary nodes ``children[k]`` (-1: none). ``inner[k, j]`` is the
-    child's own wide index, or -1 where the child is a leaf. Nodes stand in depth-first order. ``cost`` is the expected
+    """Wide node k is binary node ``binary[k]``; its children are binary nodes ``children[k]`` (-1: none). ``inner[k, j]`` is
+    the child's own wide index, or -1 where the child is a leaf. Nodes stand in depth-first order. ``cost`` is the expected
     cost of a ray through the root (node visits plus primitive tests)."""
 
     binary: np.ndarray
@@ -25,14 +25,14 @@ class WideTree:
 def collapse(tree: BinaryTree, width: int, *, max_leaf_size: int, node_cost: float, primitive_cost: float) -> WideTree:
     """Chooses which binary nodes become wide nodes, which become leaves, and which dissolve, by dynamic programming.
 
-    ``cost[n, i]`` is the least cost of standing for binary node n by at most i roots; a node is a leaf if testing all its
+    ``cost[i][n]`` is the least cost of standing for binary node n by at most i roots; a node is a leaf if testing all its
     primitives is cheaper than any wide node over it.
     """
     cost, split, is_leaf = _least_costs(tree, width, max_leaf_size, node_cost, primitive_cost)
     frontier = np.zeros(1, np.int64)
     if is_leaf[0]:
         no_children = np.full((0, width), -1, np.int64)
-        return WideTree(np.zeros(0, np.int64), no_children, no_children, 0, float(cost[0, 1]))
+        return WideTree(np.zeros(0, np.int64), no_children, no_children, 0, float(cost[1][0]))
     levels = []
     while len(frontier):
         children = _children_of(tree, split, frontier, width)
@@ -40,42 +40,46 @@ def collapse(tree: BinaryTree, width: int, *, max_leaf_size: int, node_cost: flo
         inner = (children >= 0) & ~is_leaf[np.maximum(children, 0)]
         frontier = children[inner]
     binary, children, inner = _depth_first(levels, is_leaf, width)
-    return WideTree(binary, children, inner, len(levels), float(cost[0, 1]))
+    return WideTree(binary, children, inner, len(levels), float(cost[1][0]))
 
 
 def _least_costs(
     tree: BinaryTree, width: int, max_leaf_size: int, node_cost: float, primitive_cost: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    area = surface_area(tree.lo.astype(np.float64), tree.hi.astype(np.float64))
+) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
+    area = surface_area(tree.lo, tree.hi)
     area = area / area[0] if area[0] > 0 else np.ones(len(area))
-    n = len(area)
-    cost = np.empty((n, width + 1))
     # split[n, i]: how many of i roots go to the left child, 0 where one root fewer is as good; split[n, 0]: for a wide node.
-    split = np.zeros((n, width + 1), np.int8)
+    split = np.zeros((len(area), width + 1), np.int8)
     is_leaf = tree.left < 0
-    as_leaf = np.where(tree.count <= max_leaf_size, area * tree.count * primitive_cost, np.inf)
+    tests = area * tree.count * primitive_cost
+    as_leaf = np.where(tree.count <= max_leaf_size, tests, np.inf)
+    # Arrays of one number each are gathered faster than rows; what is set here is right for the leaves.
+    cost = [np.zeros(0)] + [tests.copy() for _ in range(width)]
     for level in reversed(tree.levels()):
-        leaves = level[tree.left[level] < 0]
-        cost[leaves] = (area[leaves] * tree.count[leaves] * primitive_cost)[:, None]
-        nodes = level[tree.left[level] >= 0]
+        left = tree.left[level]
+        inner = left >= 0
+        nodes, left = level[inner], left[inner]
         if len(nodes) == 0:
             continue
-        left, right = tree.left[nodes], tree.left[nodes] + 1
-        shared = np.empty((width + 1, len(nodes)))
-        chosen = np.zeros((width + 1, len(nodes)), np.int8)
+        of_left = [cost[k][left] for k in range(1, width)]
+        of_right = [cost[k][left + 1] for k in range(1, width)]
+        shared: list[np.ndarray] = []
+        chosen: list[np.ndarray] = []
         for i in range(2, width + 1):
-            options = np.stack([cost[left, k] + cost[right, i - k] for k in range(1, i)])
-            best = np.argmin(options, axis=0)
-            shared[i] = options[best, np.arange(len(nodes))]
-            chosen[i] = best + 1
-        as_wide = shared[width] + area[nodes] * node_cost
+            least, best = of_left[0] + of_right[i - 2], np.ones(len(nodes), np.int8)
+            for k in range(2, i):
+                other = of_left[k - 1] + of_right[i - k - 1]
+                best[other < least] = k
+                least = np.minimum(least, other)
+            shared.append(least)
+            chosen.append(best)
+        as_wide = shared[-1] + area[nodes] * node_cost
         is_leaf[nodes] = as_leaf[nodes] <= as_wide
-        cost[nodes, 1] = np.minimum(as_leaf[nodes], as_wide)
-        split[nodes, 0] = chosen[width]
+        split[nodes, 0] = chosen[-1]
+        least = cost[1][nodes] = np.minimum(as_leaf[nodes], as_wide)
         for i in range(2, width + 1):
-            better = shared[i] < cost[nodes, i - 1]
-            cost[nodes, i] = np.where(better, shared[i], cost[nodes, i - 1])
-            split[nodes, i] = np.where(better, chosen[i], 0)
+            split[nodes, i] = np.where(shared[i - 2] < least, chosen[i - 2], 0)
+            least = cost[i][nodes] = np.minimum(shared[i - 2], least)
     return cost, split, is_leaf
 
 

@@ -1,7 +1,7 @@
-"""Wide nodes of sixteen words: four child boxes in eight-bit steps of their parent's (after Ylitie, Karras and Laine 2017).
+"""Wide nodes of sixteen words: child boxes in eight-bit steps of their parent's (after Ylitie, Karras and Laine 2017).
 
-Words 0 to 2 are the node's lower corner; word 3 the exponents of the step on each axis; words 4 to 6 the lower and 7 to 9 the
-upper planes of the children on x, y, z, a byte a child; words 10 to 13 the children. Boxes are rounded outwards,
+Words 0 to 2 are the node's lower corner; word 3 the exponents of the step on each axis; words 4 to 6 the lower and 7 to 9
+the upper planes of the children on x, y, z, a byte a child; words 10 to 13 the children. Boxes are rounded outwards,
 so a child's box encloses everything below it exactly. A child that does not exist has its lower plane above its upper one.
 """
 
@@ -19,8 +19,8 @@ WIDTH = 4
 WORDS = 16
 CORNER, EXPONENTS, LOWER, UPPER, CHILDREN = 0, 3, 4, 7, 10
 
-#: A child reference: the index of a wide node below :data:`NEXT`, or a leaf: this bit, the number of primitives in the five
-#: bits from 26 on, and the index of the first primitive.
+#: A child reference: the index of a wide node below :data:`NEXT`, or a leaf: this bit, the number of primitives in the
+#: five bits from 26 on, and the index of the first primitive.
 LEAF = 0x80000000
 COUNT_SHIFT, COUNT_MASK, FIRST_MASK = 26, 31, 0x03FFFFFF
 #: Traversal states that are neither: take the next pending child; finished.
@@ -53,29 +53,63 @@ def leaf_reference(first: np.ndarray, count: np.ndarray) -> np.ndarray:
     return (LEAF | (count.astype(np.int64) << COUNT_SHIFT) | first).astype(np.uint32)
 
 
+#: Nodes encoded at a time, so that temporaries stay in the cache.
+_BLOCK = 4096
+
+
 def encode_nodes(tree: BinaryTree, wide: WideTree, types: Types) -> np.ndarray:
     """The nodes of ``wide`` as words (n, 16). Bounds of ``tree`` must be exact in the precision of ``types``."""
     layout = NodeFormat.of(types)
     words = np.zeros((len(wide.binary), WORDS), layout.word)
-    corner = tree.lo[wide.binary].astype(types.numpy)
-    words[:, CORNER : CORNER + 3] = corner.view(layout.word)
-    origin = corner.astype(np.longdouble)
-    size = tree.hi[wide.binary].astype(np.longdouble) - origin
-    step = np.maximum(np.ceil(np.log2(np.maximum(size, np.longdouble(1e-4000)) / 255)), 9 - layout.bias).astype(np.int64)
-    exponents = (step + 8 + layout.bias).astype(layout.word)
-    shifts = (np.arange(3) * layout.exponent_bits).astype(layout.word)
-    words[:, EXPONENTS] = np.bitwise_or.reduce(exponents << shifts, axis=1)
-    exists = wide.children >= 0
-    child = np.maximum(wide.children, 0)
-    scale = np.ldexp(np.longdouble(1), step)[:, None, :]
-    lower = np.floor((tree.lo[child].astype(np.longdouble) - origin[:, None]) / scale)
-    upper = np.ceil((tree.hi[child].astype(np.longdouble) - origin[:, None]) / scale)
-    lower = np.where(exists[..., None], np.clip(lower, 0, 255), 255).astype(layout.word)
-    upper = np.where(exists[..., None], np.clip(upper, 0, 255), 0).astype(layout.word)
-    byte = (8 * np.arange(WIDTH)).astype(layout.word)[:, None]
-    words[:, LOWER : LOWER + 3] = np.bitwise_or.reduce(lower << byte, axis=1)
-    words[:, UPPER : UPPER + 3] = np.bitwise_or.reduce(upper << byte, axis=1)
-    is_inner = wide.inner >= 0
-    leaf = leaf_reference(tree.first[child], tree.count[child])
-    words[:, CHILDREN : CHILDREN + WIDTH] = np.where(is_inner, wide.inner, np.where(exists, leaf, DONE))
+    lo, hi = np.ascontiguousarray(tree.lo, types.numpy), np.ascontiguousarray(tree.hi, types.numpy)
+    for begin in range(0, len(words), _BLOCK):
+        block = slice(begin, begin + _BLOCK)
+        node, child, inner = wide.binary[block], wide.children[block], wide.inner[block]
+        _encode_boxes(words[block], lo, hi, node, child, layout)
+        leaf = leaf_reference(tree.first[child], tree.count[child])
+        references = np.where(inner >= 0, inner, np.where(child >= 0, leaf, DONE))
+        words[block, CHILDREN : CHILDREN + WIDTH] = references
     return words
+
+
+def _encode_boxes(
+    words: np.ndarray, lo: np.ndarray, hi: np.ndarray, node: np.ndarray, child: np.ndarray, layout: NodeFormat
+) -> None:
+    """Corner, step and planes of nodes ``node`` with children ``child`` (m, WIDTH).
+
+    The step is the least 2**s with 255 * 2**s >= upper - lower corner: for a size m 2**e with m in [1/2, 1), s is e - 8
+    where m <= 255/256 and e - 7 elsewhere. The plane of byte q lies at corner + q 2**s. ``_difference`` gives
+    x - corner = d + r exactly, with |r| at most half a unit in the last place of d. Dividing by the step is exact, or d / 2**s
+    is far below one. So if d / 2**s is no integer, none lies between it and (d + r) / 2**s, and floor and ceil are those
+    of the exact quotient; if it is one, the sign of r says whether the exact quotient lies below or above.
+    """
+    corner = lo[node]
+    words[:, CORNER : CORNER + 3] = corner.view(layout.word)
+    size, rest = _difference(hi[node], corner)
+    mantissa, exponent = np.frexp(np.where(rest > 0, np.nextafter(size, np.inf, dtype=size.dtype), size))
+    step = exponent - 8 + (mantissa > 255 / 256)
+    step = np.where(size > 0, np.maximum(step, 9 - layout.bias), 9 - layout.bias)
+    shifts = (np.arange(3) * layout.exponent_bits).astype(layout.word)
+    words[:, EXPONENTS] = np.bitwise_or.reduce((step + 8 + layout.bias).astype(layout.word) << shifts, axis=1)
+
+    per_step = np.ldexp(size.dtype.type(1), -step)
+    for slot in range(WIDTH):
+        one = child[:, slot]
+        exists = (one >= 0)[:, None]
+        distance, rest = _difference(lo[one], corner)
+        steps = distance * per_step
+        lower = np.floor(steps)
+        lower = np.where(exists, np.clip(lower - ((lower == steps) & (rest < 0)), 0, 255), 255)
+        distance, rest = _difference(hi[one], corner)
+        steps = distance * per_step
+        upper = np.maximum(np.ceil(steps), distance > 0)
+        upper = np.where(exists, np.clip(upper + ((upper == steps) & (rest > 0)), 0, 255), 0)
+        words[:, LOWER : LOWER + 3] |= lower.astype(layout.word) << layout.word.type(8 * slot)
+        words[:, UPPER : UPPER + 3] |= upper.astype(layout.word) << layout.word.type(8 * slot)
+
+
+def _difference(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """a - b as rounded, and what the rounding took away (Knuth 1969, theorem 4.2.2B): their sum is exact."""
+    difference = a - b
+    back = difference - a
+    return difference, (a - (difference - back)) - (b + back)

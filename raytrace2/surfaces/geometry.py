@@ -37,7 +37,7 @@ class Geometry:
         self.primitive_count = 0
         self._parts: list[Primitives] = []
         self._nested: list[Structure] = []
-        offsets: dict[int, int] = {}
+        offsets: dict[int, tuple[int, int]] = {}
         pending: list[tuple[Instance | Structure, int]] = []
         for item in items:
             if isinstance(item, Instance):
@@ -54,15 +54,15 @@ class Geometry:
             if structure.types is not types:
                 raise TypeError(f"a {structure.types.precision} structure cannot be part of a {types.precision} one")
             if id(structure) not in offsets:
-                offsets[id(structure)] = self._add(structure.geometry.surfaces)
+                offsets[id(structure)] = self._add(structure.geometry.surfaces), len(self.instances)
                 self._nested.append(structure)
                 self.instances.extend(structure.geometry.instances)
             place = self._nested.index(structure)
-            offset = offsets[id(structure)]
+            offset, first_instance = offsets[id(structure)]
             if isinstance(item, Instance):
                 entrances.append(item.placed(types, id_offset=offset, number=number, place=place))
             else:
-                entrances.append(_entrance(structure, offset, place, types))
+                entrances.append(_entrance(structure, offset, first_instance, place, types))
         if entrances:
             joined = Primitives.join([Primitives(types, e.records, e.lo, e.hi, e.kinds) for e in entrances])
             self._parts.append(
@@ -127,8 +127,9 @@ class Geometry:
         return self.shading.interact(ray, hit)
 
 
-def _entrance(structure: Structure, offset: int, place: int, types: Types) -> Primitives:
+def _entrance(structure: Structure, offset: int, first_instance: int, place: int, types: Types) -> Primitives:
     lo, hi = structure.bounds()
     kind = record.NESTED
     records = record.make_records(np.zeros((1, 0)), np.array([offset]), kind + 8 * place, types, np.zeros(1))
+    records[:, record.INSTANCE_NUMBER] = record.encode_integers(np.array([first_instance]), types)
     return Primitives(types, records, lo.astype(types.numpy)[None], hi.astype(types.numpy)[None], (kind,))

@@ -193,7 +193,7 @@ class DevicePrimitives:
 
     def _enter(self, kind: int, place: int, words: list[Any], offset: Any, ray: LocalRay, best: Candidate) -> Candidate:
         """The closest hit inside a nested structure. A nested record's ID word is what to add to the numbers inside;
-        an instance's own number stands in its last word."""
+        its last word an instance's own number, or what to add to the numbers of instances inside."""
         UInt, width = self.types.UInt, dr.width(best.t)
         inner = self.nested[place]
         start = Candidate(
@@ -206,14 +206,19 @@ class DevicePrimitives:
         root = record.decode_integer(words[record.ROOT], self.types)
         found = inner.traverse(self._into(kind, words, ray), start, root, True)
         id = found.id + offset
-        closer = (found.id != record.NONE) & ((found.t < best.t) | ((found.t == best.t) & (id < best.id)))
-        instance = None
+        before = id < best.id
+        met = None
         if best.instance is not None:
+            number = record.decode_integer(words[record.INSTANCE_NUMBER], self.types)
             if kind == record.INSTANCE:
-                met = record.decode_integer(words[record.INSTANCE_NUMBER], self.types)
+                met = number
+            elif found.instance is None:
+                met = UInt(record.NONE)
             else:
-                met = found.instance if found.instance is not None else UInt(record.NONE)
-            instance = dr.select(closer, met, best.instance)
+                met = dr.select(found.instance == record.NONE, record.NONE, found.instance + number)
+            before |= (id == best.id) & (met < best.instance)
+        closer = (found.id != record.NONE) & ((found.t < best.t) | ((found.t == best.t) & before))
+        instance = None if best.instance is None else dr.select(closer, met, best.instance)
         return Candidate(
             dr.select(closer, found.t, best.t),
             dr.select(closer, found.u, best.u),

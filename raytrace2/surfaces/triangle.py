@@ -61,6 +61,10 @@ def intersect_triangle(words: list[Any], ray: Any, shear: Shear) -> tuple[Any, A
     w = bx * ay - by * ax
     determinant = u + v + w
     inside = (lesser(lesser(u, v), w) >= 0) | (greater(greater(u, v), w) <= 0)
+    # A triangle seen edge-on has edge functions of nothing but rounding: a ray in its plane must still pass between its
+    # vertices. That costs no watertightness, for it follows from the origin lying inside the shadow.
+    inside &= (lesser(lesser(ax, bx), cx) <= 0) & (greater(greater(ax, bx), cx) >= 0)
+    inside &= (lesser(lesser(ay, by), cy) <= 0) & (greater(greater(ay, by), cy) >= 0)
     inverse = dr.rcp(determinant)
     t = (u * aw + v * bw + w * cw) * inverse
     return inside & (determinant != 0), t, v * inverse, w * inverse

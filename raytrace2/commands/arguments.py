@@ -1,0 +1,56 @@
+"""Arguments that several commands share. Flags bear the names of the Python arguments."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+
+def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
+    """The scene file and the values of its parameters."""
+    parser.add_argument("scene", metavar="SCENE", help="a Mitsuba XML file")
+    parser.add_argument(
+        "-D", dest="parameters", metavar="NAME=VALUE", action="append", default=[], help="fill in a $parameter of the scene"
+    )
+
+
+def add_render_arguments(parser: argparse.ArgumentParser) -> None:
+    """What ``rt.render`` takes."""
+    parser.add_argument("--sensor", type=int, default=0, help="which of the scene's cameras (default 0)")
+    parser.add_argument("--integrator", help="path or direct; the scene's own by default")
+    parser.add_argument("--seed", type=int, default=0, help="of the sampler (default 0)")
+    parser.add_argument("--accel", help="acceleration structure, such as bvh or bvh:max_leaf_size=2")
+    parser.add_argument("--filter", help="nearest or bilinear, in place of every bitmap's own")
+    parser.add_argument("--precision", default="float32", choices=("float32", "float64"))
+    parser.add_argument("--size", type=_size, metavar="WIDTHxHEIGHT", help="in place of the film's")
+
+
+def load_scene(args: argparse.Namespace) -> Any:
+    """The scene that ``args`` name."""
+    from ..errors import RayTraceError
+    from ..load import load_file
+
+    parameters = {}
+    for item in args.parameters:
+        name, equals, value = item.partition("=")
+        if not equals or not name:
+            raise RayTraceError(f"-D {item}: write -D NAME=VALUE")
+        parameters[name] = value
+    return load_file(args.scene, **parameters)
+
+
+def render_options(args: argparse.Namespace) -> dict[str, Any]:
+    """The keyword arguments for ``rt.render``."""
+    names = ("sensor", "integrator", "seed", "accel", "filter", "precision", "size")
+    return {name: getattr(args, name) for name in names}
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, _, height = text.lower().partition("x")
+    try:
+        size = int(width), int(height)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} should read WIDTHxHEIGHT, such as 640x480") from None
+    if min(size) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} has no pixels")
+    return size
