@@ -9,8 +9,8 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class BinaryTree:
-    """Node k has bounds ``lo[k]``, ``hi[k]``; an inner node's children are ``left[k]`` and ``left[k] + 1``, both later than
-    k; ``left[k]`` is -1 for a leaf. Every node holds the primitives ``order[first[k] : first[k] + count[k]]``."""
+    """Node k has bounds ``lo[k]``, ``hi[k]``; an inner node's children are ``left[k]`` and ``left[k] + 1``, both later
+    than k; ``left[k]`` is -1 for a leaf. Every node holds the primitives ``order[first[k] : first[k] + count[k]]``."""
 
     lo: np.ndarray
     hi: np.ndarray

@@ -102,8 +102,8 @@ def _split_level(level: Level, node: np.ndarray, first: np.ndarray, count: np.nd
 
 
 def _like_sizes_together(count: np.ndarray) -> np.ndarray:
-    """An order in which neighbours, which run in step, have like counts, while each quarter, which a thread may take, has
-    its share of every count."""
+    """An order in which neighbours, which run in step, have like counts, while each quarter, which a thread may take,
+    has its share of every count."""
     lanes = 16
     order = np.argsort(count.astype(np.uint16), kind="stable")
     whole = len(order) // (4 * lanes) * 4 * lanes

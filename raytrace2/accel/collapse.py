@@ -11,9 +11,9 @@ from .binary_tree import BinaryTree, surface_area
 
 @dataclass(frozen=True, eq=False)
 class WideTree:
-    """Wide node k is binary node ``binary[k]``; its children are binary nodes ``children[k]`` (-1: none). ``inner[k, j]`` is
-    the child's own wide index, or -1 where the child is a leaf. Nodes stand in depth-first order. ``cost`` is the expected
-    cost of a ray through the root (node visits plus primitive tests)."""
+    """Wide node k is binary node ``binary[k]``; its children are binary nodes ``children[k]`` (-1: none). ``inner[k,
+    j]`` is the child's own wide index, or -1 where the child is a leaf. Nodes stand in depth-first order. ``cost`` is
+    the expected cost of a ray through the root (node visits plus primitive tests)."""
 
     binary: np.ndarray
     children: np.ndarray
@@ -25,8 +25,8 @@ class WideTree:
 def collapse(tree: BinaryTree, width: int, *, max_leaf_size: int, node_cost: float, primitive_cost: float) -> WideTree:
     """Chooses which binary nodes become wide nodes, which become leaves, and which dissolve, by dynamic programming.
 
-    ``cost[i][n]`` is the least cost of standing for binary node n by at most i roots; a node is a leaf if testing all its
-    primitives is cheaper than any wide node over it.
+    ``cost[i][n]`` is the least cost of standing for binary node n by at most i roots; a node is a leaf if testing all
+    its primitives is cheaper than any wide node over it.
     """
     cost, split, is_leaf = _least_costs(tree, width, max_leaf_size, node_cost, primitive_cost)
     frontier = np.zeros(1, np.int64)
@@ -48,7 +48,8 @@ def _least_costs(
 ) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
     area = surface_area(tree.lo, tree.hi)
     area = area / area[0] if area[0] > 0 else np.ones(len(area))
-    # split[n, i]: how many of i roots go to the left child, 0 where one root fewer is as good; split[n, 0]: for a wide node.
+    # split[n, i]: how many of i roots go to the left child, 0 where one root fewer is as good; split[n, 0]: for a wide
+    # node.
     split = np.zeros((len(area), width + 1), np.int8)
     is_leaf = tree.left < 0
     tests = area * tree.count * primitive_cost

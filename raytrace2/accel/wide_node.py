@@ -1,8 +1,9 @@
 """Wide nodes of sixteen words: child boxes in eight-bit steps of their parent's (after Ylitie, Karras and Laine 2017).
 
-Words 0 to 2 are the node's lower corner; word 3 the exponents of the step on each axis; words 4 to 6 the lower and 7 to 9
-the upper planes of the children on x, y, z, a byte a child; words 10 to 13 the children. Boxes are rounded outwards,
-so a child's box encloses everything below it exactly. A child that does not exist has its lower plane above its upper one.
+Words 0 to 2 are the node's lower corner; word 3 the exponents of the step on each axis; words 4 to 6 the lower and 7 to
+9 the upper planes of the children on x, y, z, a byte a child; words 10 to 13 the children. Boxes are rounded outwards,
+so a child's box encloses everything below it exactly. A child that does not exist has its lower plane above its upper
+one.
 """
 
 from __future__ import annotations
@@ -79,9 +80,9 @@ def _encode_boxes(
 
     The step is the least 2**s with 255 * 2**s >= upper - lower corner: for a size m 2**e with m in [1/2, 1), s is e - 8
     where m <= 255/256 and e - 7 elsewhere. The plane of byte q lies at corner + q 2**s. ``_difference`` gives
-    x - corner = d + r exactly, with |r| at most half a unit in the last place of d. Dividing by the step is exact, or d / 2**s
-    is far below one. So if d / 2**s is no integer, none lies between it and (d + r) / 2**s, and floor and ceil are those
-    of the exact quotient; if it is one, the sign of r says whether the exact quotient lies below or above.
+    x - corner = d + r exactly, with |r| at most half a unit in the last place of d. Dividing by the step is exact, or d
+    / 2**s is far below one. So if d / 2**s is no integer, none lies between it and (d + r) / 2**s, and floor and ceil
+    are those of the exact quotient; if it is one, the sign of r says whether the exact quotient lies below or above.
     """
     corner = lo[node]
     words[:, CORNER : CORNER + 3] = corner.view(layout.word)
