@@ -91,6 +91,9 @@ class Film:
         dr.scatter_add(self._bad, t.UInt(1), pixel, ~finite & active)
         active = finite & active
         values = [dr.select(active, value, 0) for value in (*values, t.Float(1))]
+        if not dr.grad_enabled(values):
+            # One kernel computes what the filter reads; left to the stores below, each would trace its paths again.
+            dr.eval(values, offset, self._bad)
         if dr.grad_enabled(values) or not isinstance(where, Wavefront):
             self._splat(pixel, offset, values, active)
         elif self.filter.is_box:
