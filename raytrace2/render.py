@@ -62,12 +62,12 @@ def render(
     params: None = None,
     sensor: int = 0,
     integrator: Integrator | str | None = None,
-    *,
     seed: int = 0,
     spp: int = 1,
     accel: str | None = None,
     filter: str | None = None,
     precision: str = "float32",
+    *,
     size: tuple[int, int] | None = None,
     progress: bool | None = None,
 ) -> Any:
