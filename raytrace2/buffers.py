@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import drjit as dr
 import numpy as np
+
+from .types import Types
 
 
 def owned(array: np.ndarray, dtype: Any) -> Any:
@@ -19,5 +22,28 @@ def owned(array: np.ndarray, dtype: Any) -> Any:
         return dr.zeros(dtype, 1)
     target = dr.empty(dtype, len(source))
     dr.scatter(target, source, dr.arange(dr.uint32_array_t(dtype), len(source)))
+    dr.eval(target)
+    return target
+
+
+def aligned_zeros(shape: tuple[int, ...], dtype: Any) -> np.ndarray:
+    """NumPy zeros that Dr.Jit can gather packets from where they lie."""
+    alignment = 64
+    size = math.prod(shape) * np.dtype(dtype).itemsize
+    memory = np.zeros(size + alignment, np.uint8)
+    start = -memory.ctypes.data % alignment
+    return memory[start : start + size].view(dtype).reshape(shape)
+
+
+def owned_rows(table: np.ndarray, order: np.ndarray, types: Types) -> Any:
+    """What ``owned(table[order], types.Float)`` is, on all cores; the indices ``order`` must lie within the table."""
+    Float, UInt = types.Float, types.UInt
+    n, columns = len(order), table.shape[1]
+    if n == 0:
+        return dr.zeros(Float, 1)
+    source, index = Float(np.ascontiguousarray(table).ravel()), UInt(order.astype(np.uint32))
+    target = dr.empty(Float, n * columns)
+    packet = dr.gather(types.ArrayXf, source, index, shape=(columns, n))
+    dr.scatter(target, packet, dr.arange(UInt, n))
     dr.eval(target)
     return target

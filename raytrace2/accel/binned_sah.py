@@ -56,10 +56,12 @@ def build_binned_sah(lo: np.ndarray, hi: np.ndarray) -> BinaryTree:
         )
         _split_level(level, inner, first[inner], count[inner])
         primitives, spare, nodes, middles = spare, primitives, next_nodes, next_middles
-    packets = np.concatenate([table for table, _ in found])
-    lefts = np.concatenate([left for _, left in found])
-    first, count = (_integers(packets[:, k], kinds) for k in (FIRST, COUNT))
-    return BinaryTree(packets[:, :3].copy(), -packets[:, 3:6], lefts, first, count, order)
+    packets, left = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    np.negative(packets[:, 3:6], out=packets[:, 3:6])
+    integers = packets[:, FIRST:]
+    integers = integers.view(np.uint32) if kinds.precision == "float32" else integers.astype(np.uint32)
+    first, count = integers[:, 0], integers[:, 1]
+    return BinaryTree(packets[:, :3], packets[:, 3:6], left, first, count, order)
 
 
 def _start(lo: np.ndarray, hi: np.ndarray, kinds: Types) -> tuple[Any, Any, Any]:

@@ -49,9 +49,12 @@ class Bvh(Structure):
         begin = time.perf_counter()
         parts = geometry.primitives()
         self._device: bvh_traversal.DeviceTree | None = None
-        empty = dict.fromkeys(("primitives", "nodes", "leaves", "depth", "bytes"), 0)
+        empty = dict.fromkeys(("primitives", "references", "nodes", "leaves", "depth", "bytes", "sah_cost"), 0)
         self._statistics: dict[str, Any] = {"kind": self.kind, **empty}
-        if parts is not None:
+        if parts is not None and (absent := (parts.lo > parts.hi).any(axis=1)).any():
+            # A structure over nothing has a box that encloses nothing.
+            parts = parts.reordered(np.flatnonzero(~absent))
+        if parts is not None and len(parts):
             if len(parts) > wide_node.MAX_PRIMITIVES:
                 raise ValueError(f"a bvh holds at most {wide_node.MAX_PRIMITIVES} primitives, not {len(parts)}")
             tree = build_binned_sah(parts.lo, parts.hi)
@@ -72,7 +75,7 @@ class Bvh(Structure):
             # A multiple of eight keeps scenes of like depth on one kernel; a level leaves one group pending at most.
             stack_size = max(8, -(-wide.depth // 8) * 8)
             Word = self.types.UInt if words.dtype == np.uint32 else self.types.UInt64
-            device = parts.reordered(tree.order).upload()
+            device = parts.upload(tree.order)
             self._device = bvh_traversal.DeviceTree(self.types, owned(words, Word), device, stack_size)
             self._statistics = _describe(wide, len(parts), words.nbytes + parts.records.nbytes)
         self._statistics["build_seconds"] = time.perf_counter() - begin

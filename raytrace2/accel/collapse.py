@@ -25,8 +25,8 @@ class WideTree:
 def collapse(tree: BinaryTree, width: int, *, max_leaf_size: int, node_cost: float, primitive_cost: float) -> WideTree:
     """Chooses which binary nodes become wide nodes, which become leaves, and which dissolve, by dynamic programming.
 
-    ``cost[i][n]`` is the least cost of standing for binary node n by at most i roots; a node is a leaf if testing all
-    its primitives is cheaper than any wide node over it.
+    ``cost[i][n]`` is the least cost of standing for binary node n by at most i roots, fewer than ``width``; a node is a
+    leaf if testing all its primitives is cheaper than any wide node over it.
     """
     cost, split, is_leaf = _least_costs(tree, width, max_leaf_size, node_cost, primitive_cost)
     frontier = np.zeros(1, np.int64)
@@ -47,15 +47,15 @@ def _least_costs(
     tree: BinaryTree, width: int, max_leaf_size: int, node_cost: float, primitive_cost: float
 ) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
     area = surface_area(tree.lo, tree.hi)
-    area = area / area[0] if area[0] > 0 else np.ones(len(area))
+    area = (area / area[0] if area[0] > 0 else np.ones(len(area))).astype(np.float32)
     # split[n, i]: how many of i roots go to the left child, 0 where one root fewer is as good; split[n, 0]: for a wide
     # node.
-    split = np.zeros((len(area), width + 1), np.int8)
+    split = np.zeros((len(area), width), np.int8)
     is_leaf = tree.left < 0
-    tests = area * tree.count * primitive_cost
-    as_leaf = np.where(tree.count <= max_leaf_size, tests, np.inf)
+    tests = area * tree.count.astype(np.float32) * np.float32(primitive_cost)
+    as_leaf = np.where(tree.count <= max_leaf_size, tests, np.float32(np.inf))
     # Arrays of one number each are gathered faster than rows; what is set here is right for the leaves.
-    cost = [np.zeros(0)] + [tests.copy() for _ in range(width)]
+    cost = [tests] + [tests.copy() for _ in range(1, width)]
     for level in reversed(tree.levels()):
         left = tree.left[level]
         inner = left >= 0
@@ -74,11 +74,11 @@ def _least_costs(
                 least = np.minimum(least, other)
             shared.append(least)
             chosen.append(best)
-        as_wide = shared[-1] + area[nodes] * node_cost
+        as_wide = shared[-1] + area[nodes] * np.float32(node_cost)
         is_leaf[nodes] = as_leaf[nodes] <= as_wide
         split[nodes, 0] = chosen[-1]
         least = cost[1][nodes] = np.minimum(as_leaf[nodes], as_wide)
-        for i in range(2, width + 1):
+        for i in range(2, width):
             split[nodes, i] = np.where(shared[i - 2] < least, chosen[i - 2], 0)
             least = cost[i][nodes] = np.minimum(shared[i - 2], least)
     return cost, split, is_leaf

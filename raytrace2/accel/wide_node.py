@@ -62,7 +62,7 @@ def encode_nodes(tree: BinaryTree, wide: WideTree, types: Types) -> np.ndarray:
     """The nodes of ``wide`` as words (n, 16). Bounds of ``tree`` must be exact in the precision of ``types``."""
     layout = NodeFormat.of(types)
     words = np.zeros((len(wide.binary), WORDS), layout.word)
-    lo, hi = np.ascontiguousarray(tree.lo, types.numpy), np.ascontiguousarray(tree.hi, types.numpy)
+    lo, hi = tree.lo.astype(types.numpy, copy=False), tree.hi.astype(types.numpy, copy=False)
     for begin in range(0, len(words), _BLOCK):
         block = slice(begin, begin + _BLOCK)
         node, child, inner = wide.binary[block], wide.children[block], wide.inner[block]

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import drjit as dr
 import numpy as np
 
-from ..buffers import owned
+from ..buffers import owned, owned_rows
 from ..types import Types
 from . import quadric_tests, record
 from .hit import Candidate
@@ -82,6 +82,8 @@ class Primitives:
     @staticmethod
     def join(parts: Sequence[Primitives]) -> Primitives:
         """All primitives of ``parts``, which share a precision; only one of them may lead into nested structures."""
+        if len(parts) == 1:
+            return parts[0]
         nested = [p for p in parts if p.nested]
         assert len(nested) <= 1
         return Primitives(
@@ -93,9 +95,12 @@ class Primitives:
             nested[0].nested if nested else (),
         )
 
-    def upload(self) -> DevicePrimitives:
-        """The records in a device buffer, ready to be met."""
-        buffer = owned(self.records, self.types.Float)
+    def upload(self, order: np.ndarray | None = None) -> DevicePrimitives:
+        """The records in a device buffer, ready to be met; in the order of the indices ``order``, if given."""
+        if order is None:
+            buffer = owned(self.records, self.types.Float)
+        else:
+            buffer = owned_rows(self.records, order, self.types)
         return DevicePrimitives(self.types, buffer, self.kinds, self.nested, self.has_instances)
 
 

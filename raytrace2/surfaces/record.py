@@ -14,6 +14,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from ..buffers import aligned_zeros
 from ..types import Types
 
 WORDS = 16
@@ -34,7 +35,7 @@ def make_records(
     geometry: np.ndarray, ids: np.ndarray, kind: int, types: Types, roots: np.ndarray | None = None
 ) -> np.ndarray:
     """Records (n, 16) in the precision of ``types`` from ``geometry`` (n, at most 12) and integer ``ids`` (n,)."""
-    records = np.zeros((len(geometry), WORDS), dtype=types.numpy)
+    records = aligned_zeros((len(geometry), WORDS), types.numpy)
     records[:, : geometry.shape[1]] = geometry
     records[:, ID] = encode_integers(ids, types)
     records[:, KIND] = encode_integers(np.full(len(geometry), kind), types)
