@@ -22,7 +22,10 @@ def intersect_sphere(words: list[Any], ray: Any, tmin: Any, tmax: Any) -> tuple[
     inverse = dr.rcp(a)
     b = dr.dot(f, ray.d)
     nearest = b * inverse
-    across = dr.fma(-nearest, ray.d, f)
+    # What the subtraction above rounded off (Knuth's two-sum): from afar that is as large as the sphere.
+    back = f - center
+    lost = (center - (f - back)) - (ray.o + back)
+    across = dr.fma(-nearest, ray.d, f) + lost
     # From afar, rounding leaves a part along the ray, as large as the sphere: take it out once more.
     rest = dr.dot(across, ray.d) * inverse
     across = dr.fma(-rest, ray.d, across)

@@ -28,7 +28,7 @@ F = np.array([[0, 1, 2]])
         ((V, [[0, 1, np.nan]]), "integers"),
         ((V, [["a", "b", "c"]]), "integers"),
         ((V * np.nan, F), "finite"),
-        ((V * np.inf, F), "finite"),
+        ((V + np.inf, F), "finite"),
         ((V * 1e31, F), "1e+31"),
         ((V * 1e300, F), "1e+300"),
         (("abc", F), "numbers"),
@@ -39,7 +39,6 @@ F = np.array([[0, 1, 2]])
         ((V, F, None, V[:2]), "2 normals for 3 vertices"),
     ],
 )
-@pytest.mark.filterwarnings("ignore:invalid value")
 def test_refused_in_one_line(arguments, says):
     with pytest.raises(GeometryError, match=says.replace("+", r"\+")) as caught:
         TriangleMesh(*arguments, name="shape 7")
@@ -106,10 +105,10 @@ def test_rays_from_any_array():
         Ray(o, [0, 0, -1]),
         Ray(types("float64").Array3f(o.T.copy()), [0, 0, -1], precision="float32"),
     ):
-        np.testing.assert_array_equal(mesh.intersect(ray).t, [2, 3])
-    for bad in (((o[:, :2], d), {}), ((o, d[:1].repeat(3, 0)), {}), ((o,), {}), ((o, d, [[0.0]]), {})):
-        with pytest.raises(ValueError):  # noqa: PT011
-            Ray(*bad[0])
+        np.testing.assert_allclose(mesh.intersect(ray).t, [2, 3], rtol=1e-6)
+    for bad in ((o[:, :2], d), (o, d[:1].repeat(3, 0)), (o,), (o, d, [[0.0]])):
+        with pytest.raises(ValueError):
+            Ray(*bad)
 
 
 def test_precisions_do_not_mix():
