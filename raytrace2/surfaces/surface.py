@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import functools
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..types import Types, types
+from ..types import Types, types, types_of
 
 if TYPE_CHECKING:
     from .hit import Hit
@@ -41,25 +40,24 @@ class Surface:
 
     def intersect(self, ray: Any, active: Any = True) -> Hit:
         """The closest hit of each active ray between its tmin and tmax."""
-        return self._scan(_precision(ray)).intersect(ray, active)
+        return self._scan(ray).intersect(ray, active)
 
     def occluded(self, ray: Any, active: Any = True) -> Any:
         """Bool: whether anything lies between tmin and tmax on each active ray."""
-        return self._scan(_precision(ray)).occluded(ray, active)
+        return self._scan(ray).occluded(ray, active)
 
     def interact(self, ray: Any, hit: Hit) -> SurfaceInteraction:
         """Position, normals, uv and their partial derivatives where ``ray`` met the surface at ``hit``."""
-        return self._scan(_precision(ray)).interact(ray, hit)
+        return self._scan(ray).interact(ray, hit)
 
-    @functools.cache  # noqa: B019 - surfaces are few and live as long as their scans
-    def _scan(self, precision: str) -> Scan:
+    def _scan(self, ray: Any) -> Scan:
+        """Every primitive of this surface against every ray, in the precision of ``ray``; kept with the surface."""
+        # Below this module: a scan is a structure, and a structure a Surface.
         from .geometry import Geometry
         from .scan import Scan
 
-        return Scan(Geometry([self], types(precision)))
-
-
-def _precision(ray: Any) -> str:
-    from ..types import types_of
-
-    return types_of(ray.o).precision
+        precision = types_of(ray.o).precision
+        scans: dict[str, Scan] = self.__dict__.setdefault("_scans", {})
+        if precision not in scans:
+            scans[precision] = Scan(Geometry([self], types(precision)))
+        return scans[precision]
