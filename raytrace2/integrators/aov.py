@@ -48,7 +48,7 @@ def aov(
     si = scene.structure.interact(ray, scene.structure.intersect(ray, active))
     values: list[Any] = []
     for _, kind in settings.aovs:
-        values.extend(_value(kind, scene, si, offset_rays))
+        values.extend(_value(kind, scene, ray, si, offset_rays))
     Float = scene.types.Float
     return [dr.select(si.valid & active, Float(value), 0) for value in values]
 
@@ -68,7 +68,9 @@ _FIELDS: dict[str, Callable[[SurfaceInteraction], Any]] = {
 }
 
 
-def _value(kind: str, scene: TracedScene, si: SurfaceInteraction, offset_rays: tuple[Ray, Ray] | None) -> list[Any]:
+def _value(
+    kind: str, scene: TracedScene, ray: Ray, si: SurfaceInteraction, offset_rays: tuple[Ray, Ray] | None
+) -> list[Any]:
     if kind in _FIELDS:
         return list(_FIELDS[kind](si))
     if kind == "depth":
@@ -80,4 +82,4 @@ def _value(kind: str, scene: TracedScene, si: SurfaceInteraction, offset_rays: t
     if kind == "albedo":
         return list(scene.materials.albedo(si, scene.material(si, si.valid), si.valid))
     assert offset_rays is not None
-    return list(uv_partials(si, offset_rays[0 if kind == "duv_dx" else 1]))
+    return list(uv_partials(si, ray, offset_rays[0 if kind == "duv_dx" else 1]))

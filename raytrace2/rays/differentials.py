@@ -7,16 +7,17 @@ from typing import Any
 import drjit as dr
 
 
-def uv_partials(si: Any, offset_ray: Any) -> Any:
-    """The difference in uv (Array2f) between ``si`` and where ``offset_ray`` meets its tangent plane.
+def uv_partials(si: Any, ray: Any, offset_ray: Any) -> Any:
+    """The difference in uv (Array2f) between where ``ray`` met ``si`` and where ``offset_ray`` meets its tangent plane.
 
-    Least squares in the basis of ``dp_du`` and ``dp_dv`` (Pharr, Jakob and Humphreys 2023, section 10.1.1); zero where the ray
-    is parallel to the plane or the parameterisation is singular.
+    Least squares in the basis of ``dp_du`` and ``dp_dv`` (Pharr, Jakob and Humphreys 2023, section 10.1.1); zero where the
+    offset ray is parallel to the plane or the parameterisation is singular.
     """
     slope = dr.dot(si.n, offset_ray.d)
     meets = slope != 0
-    t = dr.dot(si.n, si.p - offset_ray.o) / dr.select(meets, slope, 1)
-    offset = dr.fma(offset_ray.d, t, offset_ray.o) - si.p
+    # From the difference of the rays: the two points on the plane share their leading digits, which would cancel.
+    apart = dr.fma(offset_ray.d - ray.d, si.t, offset_ray.o - ray.o)
+    offset = dr.fma(offset_ray.d, -dr.dot(si.n, apart) / dr.select(meets, slope, 1), apart)
     a00, a01, a11 = dr.dot(si.dp_du, si.dp_du), dr.dot(si.dp_du, si.dp_dv), dr.dot(si.dp_dv, si.dp_dv)
     determinant = a00 * a11 - a01 * a01
     regular = meets & (determinant > 0)
