@@ -1,4 +1,4 @@
-"""Draws the textures of the scenes here: ``python make_textures.py [FOLDER]``, by default ``textures`` beside this file.
+"""Draws the textures of the scenes here: ``python make_textures.py [FOLDER]``, by default ``textures`` beside this.
 
 Everything is computed with NumPy, without random numbers or fonts; Pillow only writes the files. Drawings are made at
 four times their size and averaged in linear light, since a texture that is itself aliased would hide what a renderer
@@ -57,7 +57,7 @@ def floor() -> np.ndarray:
 
 
 def wall() -> np.ndarray:
-    """A stretch of wall, 9.6 by 4.2, repeating sideways: panelling below, striped paper above, three framed pictures."""
+    """A stretch of wall, 9.6 by 4.2, repeating sideways: panelling, above it striped paper and three framed pictures."""
     c = Canvas(768, 336, (9.6, 4.2), WALLPAPER)
     c.fill(c.x % 0.3 < 0.1, STRIPE)
     panelling = c.y > 3.2
