@@ -57,7 +57,7 @@ def floor() -> np.ndarray:
 
 
 def wall() -> np.ndarray:
-    """A stretch of wall, 9.6 by 4.2, repeating sideways: panelling, above it striped paper and three framed pictures."""
+    """A stretch of wall, 9.6 by 4.2, repeating sideways: panelling, above it striped paper and three pictures."""
     c = Canvas(768, 336, (9.6, 4.2), WALLPAPER)
     c.fill(c.x % 0.3 < 0.1, STRIPE)
     panelling = c.y > 3.2
