@@ -68,7 +68,7 @@ def encode_nodes(tree: BinaryTree, wide: WideTree, types: Types) -> np.ndarray:
         node, child, inner = wide.binary[block], wide.children[block], wide.inner[block]
         _encode_boxes(words[block], lo, hi, node, child, layout)
         leaf = leaf_reference(tree.first[child], tree.count[child])
-        references = np.where(inner >= 0, inner, np.where(child >= 0, leaf, DONE))
+        references = np.where(inner >= 0, inner, np.where(child >= 0, leaf, NEXT))
         words[block, CHILDREN : CHILDREN + WIDTH] = references
     return words
 
