@@ -66,7 +66,9 @@ def encode_nodes(tree: BinaryTree, wide: WideTree, types: Types) -> np.ndarray:
     for begin in range(0, len(words), _BLOCK):
         block = slice(begin, begin + _BLOCK)
         node, child, inner = wide.binary[block], wide.children[block], wide.inner[block]
-        _encode_boxes(words[block], lo, hi, node, child, layout)
+        # Slots without a child are computed from boxes that have nothing to do with the node.
+        with np.errstate(over="ignore", invalid="ignore"):
+            _encode_boxes(words[block], lo, hi, node, child, layout)
         leaf = leaf_reference(tree.first[child], tree.count[child])
         references = np.where(inner >= 0, inner, np.where(child >= 0, leaf, NEXT))
         words[block, CHILDREN : CHILDREN + WIDTH] = references
