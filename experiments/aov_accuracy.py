@@ -169,7 +169,7 @@ def values_of(channels: list[Any]) -> Values:
     found: Values = {}
     for name, column in zip(channel_names(SETTINGS), columns, strict=True):
         kind = name.partition(".")[0]
-        column = np.broadcast_to(column, width)[:, None]
+        column = np.broadcast_to(column, width)[:, None].copy()
         found[kind] = np.concatenate([found[kind], column], axis=1) if kind in found else column
     return found
 

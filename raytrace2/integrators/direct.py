@@ -15,8 +15,8 @@ from .emission import met_emission, past_emitters, power_heuristic
 def direct(scene: TracedScene, settings: Integrator, sampler: Any, ray: Ray, active: Any = True) -> Any:
     """Radiance (Array3f) along each ray of light that scatters at most once.
 
-    ``settings.emitter_samples`` and ``settings.bsdf_samples`` rays are traced from each point, in symbolic loops; the sampler's
-    numbers are drawn in Mitsuba's order.
+    ``settings.emitter_samples`` and ``settings.bsdf_samples`` rays are traced from each point, in symbolic loops; the
+    sampler's numbers are drawn in Mitsuba's order.
     """
     t = scene.types
     structure, materials, lights = scene.structure, scene.materials, scene.lights
@@ -47,12 +47,17 @@ def direct(scene: TracedScene, settings: Integrator, sampler: Any, ray: Ray, act
         return i + 1, dr.select(lit, result + value * light.weight * weight, result), sampler
 
     def sample_material(i: Any, result: Any, sampler: Any) -> tuple[Any, Any, Any]:
-        sample = materials.sample(si, material, sampler.next_1d(), sampler.next_2d(), active)
+        # Mitsuba draws the pair first here, and second in its path tracer.
+        pair = sampler.next_2d()
+        sample = materials.sample(si, material, sampler.next_1d(), pair, active)
         useful = active & (dr.max(sample.weight) > 0)
         onward = si.spawn_ray(si.to_world(sample.wo))
         met = structure.interact(onward, structure.intersect(onward, useful))
-        ratio = light_share / bsdf_share
-        emitted = met_emission(scene, si.p, onward, met, sample.pdf / ratio, sample.delta, useful)
+        if settings.emitter_samples:
+            pdf, alone = sample.pdf * (bsdf_share / light_share), sample.delta
+        else:
+            pdf, alone = sample.pdf, t.Bool(True)
+        emitted = met_emission(scene, si.p, onward, met, pdf, alone, useful)
         return i + 1, dr.select(useful, result + sample.weight * emitted / settings.bsdf_samples, result), sampler
 
     counter = dr.zeros(t.UInt, width)

@@ -13,15 +13,16 @@ from ..surfaces.interaction import SurfaceInteraction
 
 
 def power_heuristic(a: Any, b: Any) -> Any:
-    """The weight of a sample of density ``a`` that another technique would have found with density ``b`` (Veach 1997, 9.2.4)."""
-    a2, b2 = a * a, b * b
-    return dr.select(a > 0, a2 / dr.select(a > 0, a2 + b2, 1), 0)
+    """The weight of a sample of density ``a`` where another technique has density ``b`` (Veach 1997, 9.2.4)."""
+    # Squares of the densities themselves would overflow where a light is small and far away.
+    ratio = b / dr.select(a > 0, a, 1)
+    return dr.select(a > 0, dr.rcp(dr.fma(ratio, ratio, 1)), 0)
 
 
 def met_emission(
     scene: TracedScene, origin: Any, ray: Ray, si: SurfaceInteraction, pdf: Any, delta: Any, active: Any
 ) -> Any:
-    """Radiance (Array3f) of the light that ``ray`` met or escaped to, weighted against having sampled it from ``origin``.
+    """Radiance (Array3f) of the light that ``ray`` met or escaped to, weighted against sampling it from ``origin``.
 
     ``pdf`` is the density with which the material chose the ray; where ``delta``, lights could not have been sampled.
     """

@@ -33,8 +33,9 @@ class PathState:
 def path(scene: TracedScene, settings: Integrator, sampler: Any, ray: Ray, active: Any = True) -> Any:
     """Radiance (Array3f) along each ray.
 
-    ``settings.max_depth`` counts as in Mitsuba: 1 shows emitters only, 2 direct light, -1 has no bound. The sampler's numbers
-    are drawn in Mitsuba's order. Only what the scene has (emitters met by rays, smooth materials) is in the kernel.
+    ``settings.max_depth`` counts as in Mitsuba: 1 shows emitters only, 2 direct light, -1 has no bound. The sampler's
+    numbers are drawn in Mitsuba's order. Only what the scene has (emitters met by rays, smooth materials) is in the
+    kernel.
     """
     t = scene.types
     width = len(ray)

@@ -10,8 +10,8 @@ import drjit as dr
 def uv_partials(si: Any, ray: Any, offset_ray: Any) -> Any:
     """The difference in uv (Array2f) between where ``ray`` met ``si`` and where ``offset_ray`` meets its tangent plane.
 
-    Least squares in the basis of ``dp_du`` and ``dp_dv`` (Pharr, Jakob and Humphreys 2023, section 10.1.1); zero where the
-    offset ray is parallel to the plane or the parameterisation is singular.
+    Least squares in the basis of ``dp_du`` and ``dp_dv`` (Pharr, Jakob and Humphreys 2023, section 10.1.1); zero where
+    the offset ray is parallel to the plane or the parameterisation is singular.
     """
     slope = dr.dot(si.n, offset_ray.d)
     meets = slope != 0
