@@ -2,7 +2,7 @@
 mesh file, beside Mitsuba's load of a scene with the same mesh (which builds Embree's hierarchy) in the same process, in
 turn.
 
-    python experiments/build_speed.py [MESH.ply|MESH.obj] [--triangles 1000000] [--repeat 5]
+    python experiments/build_speed.py [MESH.ply|MESH.obj] [--triangles 1000000] [--repeat 5] [-o out/build_speed.md]
 
 'arrays' starts from vertices and faces in memory: a TriangleMesh and the structure over it, against mi.load_dict of a
 scene with a mi.Mesh. 'file' starts from a ply or obj file, reading included. 'cold' is the first build of the process,
@@ -25,6 +25,7 @@ import drjit as dr
 import numpy as np
 
 from raytrace2.accel import build
+from raytrace2.files import write_atomically
 from raytrace2.reference.mitsuba_scene import mitsuba_variant
 from raytrace2.scene.mesh_files import load_mesh_file
 from raytrace2.scene.procedural import terrain
@@ -36,41 +37,54 @@ def main() -> None:
     parser.add_argument("mesh", nargs="?", type=Path, help="a mesh file to measure after the terrain")
     parser.add_argument("--triangles", type=float, default=1e6, help="of the terrain")
     parser.add_argument("--repeat", type=int, default=5, help="runs of each, of which the best counts")
+    parser.add_argument("-o", "--output", type=Path, help="write the table there too")
     arguments = parser.parse_args()
-    print(f"{'mesh':10s}{'from':>8s}{'triangles':>11s}{'cold s':>9s}{'ours s':>9s}{'Mitsuba s':>11s}", end="")
-    print(f"{'ours Mtri/s':>13s}{'ratio':>7s}{'nodes':>10s}{'depth':>7s}{'SAH cost':>10s}")
+    lines = [
+        "| mesh | from | triangles | cold, s | raytrace2, s | Mitsuba, s | Mtri/s | ratio | nodes | depth | SAH cost |",
+        "|---|---|" + "---:|" * 9,
+    ]
+    print("\n".join(lines))
     with mitsuba_variant("llvm_ad_rgb") as mi, tempfile.TemporaryDirectory() as folder:
         mesh = terrain(int(arguments.triangles))
         path = Path(folder) / "terrain.ply"
         _mitsuba_mesh(mi, mesh).write_ply(str(path))
-        _measure_both(mi, mesh, path, arguments.repeat)
+        lines += _measure_both(mi, mesh, path, arguments.repeat)
         if arguments.mesh is not None:
-            _measure_both(mi, _read(arguments.mesh), arguments.mesh, arguments.repeat)
+            lines += _measure_both(mi, _read(arguments.mesh), arguments.mesh, arguments.repeat)
+    if arguments.output is not None:
+        arguments.output.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(arguments.output, ("\n".join(lines) + "\n").encode())
 
 
-def _measure_both(mi: Any, mesh: TriangleMesh, path: Path, repeat: int) -> None:
+def _measure_both(mi: Any, mesh: TriangleMesh, path: Path, repeat: int) -> list[str]:
     theirs = _mitsuba_mesh(mi, mesh)
     shape = {"type": path.suffix[1:], "filename": str(path)}
-    _row(
-        mesh, "arrays", repeat,
+    arrays = _row(
+        mesh,
+        "arrays",
+        repeat,
         lambda: build(TriangleMesh(mesh.vertices, mesh.faces)),
         lambda: mi.load_dict({"type": "scene", "mesh": theirs}),
     )
-    _row(
+    from_file = _row(
         mesh, "file", repeat,
         lambda: build(_read(path)),
         lambda: mi.load_dict({"type": "scene", "mesh": shape}),
     )  # fmt: skip
+    return [arrays, from_file]
 
 
-def _row(mesh: TriangleMesh, source: str, repeat: int, ours: Callable[[], Any], theirs: Callable[[], Any]) -> None:
+def _row(mesh: TriangleMesh, source: str, repeat: int, ours: Callable[[], Any], theirs: Callable[[], Any]) -> str:
     cold, structure = _timed(ours)
     times = np.array([[_timed(ours)[0], _timed(theirs)[0]] for _ in range(repeat)]).min(axis=0)
     found = structure.statistics()
     n = len(mesh.faces)
-    print(f"{mesh.name[:9]:10s}{source:>8s}{n:11d}{cold:9.3f}{times[0]:9.3f}{times[1]:11.3f}", end="")
-    print(f"{n / times[0] / 1e6:13.2f}{times[1] / times[0]:7.2f}", end="")
-    print(f"{found['nodes']:10d}{found['depth']:7d}{found['sah_cost']:10.2f}", flush=True)
+    line = (
+        f"| {mesh.name} | {source} | {n:,} | {cold:.2f} | {times[0]:.3f} | {times[1]:.3f} | {n / times[0] / 1e6:.2f} "
+        f"| {times[1] / times[0]:.2f} | {found['nodes']:,} | {found['depth']} | {found['sah_cost']:.1f} |"
+    )
+    print(line, flush=True)
+    return line
 
 
 def _timed(task: Callable[[], Any]) -> tuple[float, Any]:

@@ -1,5 +1,5 @@
-"""Seconds from the command to the written file: the demo room at 256 x 256, 1 sample a pixel, with an empty and a filled
-kernel cache, beside Mitsuba doing the same. Whole processes, in turn, the best of ``--repeat``.
+"""Seconds from the command to the written file: the demo room at 256 x 256, 1 sample a pixel, with an empty and a
+filled kernel cache, beside Mitsuba doing the same. Whole processes, in turn, the best of ``--repeat``.
 
     python experiments/first_image.py -o out/first_image.md
 """

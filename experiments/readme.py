@@ -1,4 +1,4 @@
-"""Puts measured tables into the README: what stands between <!-- begin NAME --> and <!-- end NAME --> becomes out/NAME.md.
+"""Puts measured tables into the README: what stands between its lines "begin NAME" and "end NAME" becomes out/NAME.md.
 
     python experiments/readme.py [out]
 
