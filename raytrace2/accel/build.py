@@ -10,6 +10,7 @@ from ..surfaces.scan import Scan
 from ..surfaces.structure import Structure
 from ..surfaces.surface import Surface
 from ..types import types
+from .bounding_volumes import BoundingVolumes, BoundingVolumesConfig
 from .bvh import Bvh, BvhConfig
 
 
@@ -19,11 +20,15 @@ def _brute_force(geometry: Geometry, **options: Any) -> Structure:
     return Scan(geometry)
 
 
+def _bounding_volumes(geometry: Geometry, **options: Any) -> Structure:
+    return BoundingVolumes(geometry, BoundingVolumesConfig(**options))
+
+
 def _bvh(geometry: Geometry, **options: Any) -> Structure:
     return Bvh(geometry, BvhConfig(**options))
 
 
-_KINDS: dict[str, Callable[..., Structure]] = {"brute_force": _brute_force, "bvh": _bvh}
+_KINDS: dict[str, Callable[..., Structure]] = {"brute_force": _brute_force, "bounding_volumes": _bounding_volumes, "bvh": _bvh}
 
 
 def names() -> tuple[str, ...]:

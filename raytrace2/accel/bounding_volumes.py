@@ -1,0 +1,135 @@
+"""A flat list of bounding volumes over groups of primitives: the simplest thing better than testing everything."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import drjit as dr
+import numpy as np
+
+from ..buffers import owned
+from ..surfaces import record
+from ..surfaces.geometry import Geometry
+from ..surfaces.hit import Candidate
+from ..surfaces.primitives import LocalRay, Primitives
+from ..surfaces.structure import Structure
+from . import bounding_volumes_traversal as traversal
+from .volume_groups import Groups, expected_tests, halved, in_runs
+from .volumes import VOLUMES
+from .volumes.hulls import Hulls
+
+
+@dataclass(frozen=True)
+class BoundingVolumesConfig:
+    """``volume``: the shape. ``group_size``: most primitives in a group; ``"surface"``, one group for each surface (mesh, sphere,
+    nested structure ...); or ``"auto"``, groups of the size that costs least by the surface areas of their boxes.
+
+    ``volume_cost`` and ``primitive_cost``: what a test of either costs, in any unit, for that choice.
+    """
+
+    volume: Literal["sphere", "box", "oriented_box"] = "box"
+    group_size: int | Literal["auto", "surface"] = "auto"
+    volume_cost: float = 1.0
+    primitive_cost: float = 2.0
+
+    def __post_init__(self) -> None:
+        if self.volume not in VOLUMES:
+            raise ValueError(f"volume must be one of {', '.join(VOLUMES)}, not {self.volume!r}")
+        size = self.group_size
+        if isinstance(size, str):
+            if size not in ("auto", "surface"):
+                raise ValueError(f"group_size must be a number, 'auto' or 'surface', not {size!r}")
+        elif isinstance(size, bool) or not isinstance(size, int) or size < 1:
+            raise ValueError(f"group_size must be a whole number from 1 on, not {size!r}")
+        for name in ("volume_cost", "primitive_cost"):
+            if not 0 < getattr(self, name) < np.inf:
+                raise ValueError(f"{name} must be positive, not {getattr(self, name)!r}")
+
+
+class BoundingVolumes(Structure):
+    """Every ray asks every volume whether it meets it, and tests the primitives of those that it does."""
+
+    kind = "bounding_volumes"
+
+    def __init__(self, geometry: Geometry, config: BoundingVolumesConfig | None = None) -> None:
+        super().__init__(geometry)
+        self.config = config or BoundingVolumesConfig()
+        begin = time.perf_counter()
+        parts = geometry.primitives()
+        if parts is not None and (absent := (parts.lo > parts.hi).any(axis=1)).any():
+            # A structure over nothing has a box that encloses nothing.
+            parts = parts.reordered(np.flatnonzero(~absent))
+        self._device: traversal.DeviceVolumes | None = None
+        empty = dict.fromkeys(("primitives", "references", "volumes", "largest_group", "bytes"), 0)
+        self._statistics: dict[str, Any] = {"kind": self.kind, "volume": self.config.volume, **empty}
+        self._statistics |= dict.fromkeys(("expected_volume_tests", "expected_primitive_tests", "sah_cost"), 0.0)
+        if parts is not None and len(parts):
+            self._build(parts)
+        self._statistics["build_seconds"] = time.perf_counter() - begin
+
+    def _build(self, parts: Primitives) -> None:
+        groups = self._groups(parts)
+        parts = parts.reordered(groups.order)
+        volume = VOLUMES[self.config.volume]
+        words = volume.fit(Hulls.of(parts, groups.firsts), self.types)
+        UInt = self.types.UInt
+        self._device = traversal.DeviceVolumes(
+            self.types,
+            volume,
+            owned(traversal.padded(words), self.types.Float),
+            owned(traversal.ranges(groups.firsts), UInt),
+            dr.opaque(UInt, len(groups)),
+            parts.upload(),
+        )
+        sizes = np.diff(groups.firsts)
+        everything = volume.areas(volume.fit(Hulls.of(parts, np.array([0, len(parts)])), self.types))[0]
+        share = np.minimum(volume.areas(words) / everything, 1) if everything > 0 else np.ones(len(groups))
+        tests = float((sizes * share).sum())
+        config = self.config
+        self._statistics |= {
+            "primitives": len(parts),
+            "references": len(parts),
+            "volumes": len(groups),
+            "largest_group": int(sizes.max()),
+            "bytes": int(words.nbytes + groups.firsts.size * 4 + parts.records.nbytes),
+            "expected_volume_tests": float(len(groups)),
+            "expected_primitive_tests": tests,
+            "sah_cost": config.volume_cost * len(groups) + config.primitive_cost * tests,
+        }
+
+    def _groups(self, parts: Primitives) -> Groups:
+        size = self.config.group_size
+        if size == "surface":
+            return in_runs(self._surfaces_of(parts))
+        if size != "auto":
+            return halved(parts.lo, parts.hi, int(size))[-1]
+        config, lo, hi = self.config, parts.lo, parts.hi
+        found = halved(lo, hi, 4)
+        costs = [config.volume_cost * len(g) + config.primitive_cost * expected_tests(g, lo, hi) for g in found]
+        return found[int(np.argmin(costs))]
+
+    def _surfaces_of(self, parts: Primitives) -> np.ndarray:
+        """A number for each primitive that is the same within a surface; what leads inside is by itself."""
+        words = parts.records[:, [record.ID, record.KIND]]
+        whole = words.view(np.uint32) if words.dtype == np.float32 else words.astype(np.uint32)
+        ids, codes = whole.astype(np.int64).T
+        surface = np.searchsorted(np.array(self.geometry.first_ids), ids, side="right") - 1
+        inside = (codes & 7) >= record.INSTANCE
+        return np.where(inside, len(self.geometry.first_ids) + np.arange(len(ids)), surface)
+
+    def traverse(self, ray: LocalRay, best: Candidate, root: Any, active: Any) -> Candidate:
+        if self._device is None:
+            return best
+        return traversal.closest(self._device, ray, best, active)
+
+    def traverse_any(self, ray: LocalRay, root: Any, active: Any) -> Any:
+        if self._device is None:
+            return dr.full(self.types.Bool, False, dr.width(root))
+        return traversal.anything(self._device, ray, root, active)
+
+    def statistics(self) -> dict[str, Any]:
+        """Counts of volumes and primitives, bytes on the device, the seconds that the build took, how many volumes and primitives a
+        random ray that meets the volume around everything is expected to test, and ``sah_cost``, what that costs."""
+        return dict(self._statistics)
