@@ -125,7 +125,7 @@ class DevicePrimitives:
         """
         words = record.load_words(self.buffer, i, self.types)
         id = record.decode_integer(words[record.ID], self.types)
-        if len(self.kinds) == 1:
+        if len(self._codes()) == 1:
             return self._meet(self.kinds[0], 0, words, id, ray, best)
         code = record.decode_integer(words[record.KIND], self.types)
         for kind, place in self._codes():
@@ -139,7 +139,7 @@ class DevicePrimitives:
     def occludes_one(self, i: Any, ray: LocalRay) -> Any:
         """Bool: whether primitive ``i`` lies between tmin and tmax on each ray."""
         words = record.load_words(self.buffer, i, self.types)
-        if len(self.kinds) == 1 and len(self.nested) <= 1:
+        if len(self._codes()) == 1:
             return self._occludes(self.kinds[0], 0, words, ray)
         code = record.decode_integer(words[record.KIND], self.types)
         blocked = dr.full(self.types.Bool, False, dr.width(i))
