@@ -16,7 +16,8 @@ from .render import choose_integrator, render_detailed
 from .scene.description import Integrator
 from .scene.scene import Scene
 
-#: Our samplers draw Mitsuba's numbers from Mitsuba's seeds; a noise test needs the two sides independent, so ours start here.
+#: Our samplers draw Mitsuba's numbers from Mitsuba's seeds; a noise test needs the two sides independent, so ours
+#: start here.
 SEED_OFFSET = 1 << 31
 
 #: Renders with seeds of their own, on each side, that the noise is estimated from.
@@ -40,19 +41,24 @@ def compare(
 ) -> Comparison:
     """Renders ``scene`` with raytrace2 and with Mitsuba and compares the two.
 
-    Ours has ``spp`` samples a pixel, Mitsuba's ``reference_spp`` (None: as many), each in 16 independent batches of at least one
-    sample (counts are rounded up to whole batches). Whether the two differ by more than noise is asked of batches of one
-    size, so with a larger ``reference_spp`` Mitsuba also renders one of ``spp``. References are kept on disk, see
-    :func:`raytrace2.reference.mitsuba_render.render_reference`. The other arguments are those of :func:`render`.
+    Ours has ``spp`` samples a pixel, Mitsuba's ``reference_spp`` (None: as many), each in 16 independent batches of
+    at least one sample (counts are rounded up to whole batches). Whether the two differ by more than noise is asked
+    of batches of one size, so with a larger ``reference_spp`` Mitsuba also renders one of ``spp``. References are
+    kept on disk, see :func:`raytrace2.reference.mitsuba_render.render_reference`. The other arguments are those of
+    :func:`render`.
 
     The result shows itself in a notebook, and ``result.report(path)`` writes it as a web page.
     """
     if scene.origin is None:
-        raise RayTraceError("this scene was not loaded by rt.load_file, load_string or load_dict: Mitsuba cannot load it")
+        raise RayTraceError(
+            "this scene was not loaded by rt.load_file, load_string or load_dict: Mitsuba cannot load it"
+        )
     settings = choose_integrator(scene, integrator)
     if settings.kind == "aov":
         if settings.nested is None:
-            raise RayTraceError("an aov integrator without a nested one has no colour to compare; add a nested integrator")
+            raise RayTraceError(
+                "an aov integrator without a nested one has no colour to compare; add a nested integrator"
+            )
         settings = settings.nested
     each = max(1, -(-spp // BATCHES))
     each_reference = each if reference_spp is None else max(1, -(-reference_spp // BATCHES))
@@ -78,7 +84,8 @@ def compare(
         "Mitsuba": f"{theirs.settings['mitsuba']}, {theirs.settings['variant']}",
     }
     return compare_batches(
-        ours, theirs.batch_means, title=title, seconds=seconds * BATCHES, reference_seconds=theirs.seconds, settings=rows,
+        ours, theirs.batch_means, title=title, seconds=seconds * BATCHES, reference_seconds=theirs.seconds,
+        settings=rows,
         noise_reference=None if fair is theirs else fair.batch_means,
     )  # fmt: skip
 
@@ -87,15 +94,16 @@ def _batches(
     scene: Scene, sensor: int, settings: Integrator, each: int, seed: int, accel: str | None, filter: str | None,
     precision: str, size: tuple[int, int] | None, progress: bool | None,
 ) -> tuple[np.ndarray, float]:  # fmt: skip
-    """Images of independent batches (B, H, W, 3) and the seconds of the fastest one, which is what a warm render takes."""
+    """Images of independent batches (B, H, W, 3) and the seconds of the fastest one, which is what a warm render
+    takes."""
     from tqdm import tqdm
 
     images, best = [], np.inf
     for k in tqdm(range(BATCHES), desc="raytrace2", unit="batch", disable=None if progress is None else not progress):
         begin = time.perf_counter()
         done = render_detailed(
-            scene, sensor, settings, seed=SEED_OFFSET + seed * BATCHES + k, spp=each, accel=accel, filter=filter, precision=precision,
-            size=size, progress=False,
+            scene, sensor, settings, seed=SEED_OFFSET + seed * BATCHES + k, spp=each, accel=accel, filter=filter,
+            precision=precision, size=size, progress=False,
         )  # fmt: skip
         image = np.array(done.image)
         best = min(best, time.perf_counter() - begin)

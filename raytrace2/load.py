@@ -23,5 +23,6 @@ def load_string(xml: str, **parameters: Any) -> Scene:
 
 
 def load_dict(scene: dict[str, Any], settings: dict[str, str] | None = None) -> Scene:
-    """The scene in a dict as ``mi.load_dict`` takes it. ``settings`` are our own, such as ``{"accel": "brute_force"}``."""
+    """The scene in a dict as ``mi.load_dict`` takes it. ``settings`` are our own, such as ``{"accel":
+    "brute_force"}``."""
     return Scene(reader.describe_dict(scene, settings), scene)

@@ -10,7 +10,8 @@ import numpy as np
 
 
 def show_images_in_notebooks() -> None:
-    """Teaches a running IPython to show Dr.Jit tensors that look like images, as :func:`render` returns them; elsewhere does nothing."""
+    """Teaches a running IPython to show Dr.Jit tensors that look like images, as :func:`render` returns them;
+    elsewhere does nothing."""
     ipython = sys.modules.get("IPython")
     shell = ipython.get_ipython() if ipython else None
     if shell is None:

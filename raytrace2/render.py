@@ -33,7 +33,8 @@ _RADIANCE: dict[str, Callable[..., Any]] = {"path": path, "direct": direct}
 
 @dataclass(frozen=True)
 class Rendering:
-    """An image (TensorXf, height x width x channels) with the names of its channels, the samples per pixel that were taken, and
+    """An image (TensorXf, height x width x channels) with the names of its channels, the samples per pixel that
+    were taken, and
     the seconds that preparing (structure, tables) and rendering took."""
 
     image: Any
@@ -44,7 +45,8 @@ class Rendering:
 
 
 class RenderInterrupted(KeyboardInterrupt):
-    """Ctrl-C during a render. ``partial`` holds what was done: ``partial.spp`` samples of every pixel, and of some pixels
+    """Ctrl-C during a render. ``partial`` holds what was done: ``partial.spp`` samples of every pixel, and of some
+    pixels
     more; None if not even one pass was."""
 
     def __init__(self, partial: Rendering | None) -> None:
@@ -73,13 +75,15 @@ def render(
 ) -> Any:
     """Renders ``scene`` and returns its image, TensorXf (height, width, channels), linear, as ``mi.render`` does.
 
-    ``sensor`` counts the scene's cameras. ``integrator`` is ``"path"``, ``"direct"``, a :class:`description.Integrator` or None for the
-    scene's own; with aovs the colour comes first and then their channels. ``spp`` samples a pixel, 0 for the count in the scene.
-    ``accel`` names the structure (``"bvh"``, ``"brute_force"``, options after a colon). ``filter`` (``"nearest"`` or ``"bilinear"``)
-    takes the place of every bitmap's own. ``precision`` is ``"float32"`` or ``"float64"``; ``size`` (width, height) replaces the
-    film's. ``progress`` shows a bar; None shows one on a terminal if there is more than one pass.
+    ``sensor`` counts the scene's cameras. ``integrator`` is ``"path"``, ``"direct"``, a
+    :class:`description.Integrator` or None for the scene's own; with aovs the colour comes first and then their
+    channels. ``spp`` samples a pixel, 0 for the count in the scene. ``accel`` names the structure (``"bvh"``,
+    ``"brute_force"``, options after a colon). ``filter`` (``"nearest"`` or ``"bilinear"``) takes the place of every
+    bitmap's own. ``precision`` is ``"float32"`` or ``"float64"``; ``size`` (width, height) replaces the film's.
+    ``progress`` shows a bar; None shows one on a terminal if there is more than one pass.
 
-    Ctrl-C raises :class:`RenderInterrupted`, which holds the image so far. The same arguments give the same image to the bit.
+    Ctrl-C raises :class:`RenderInterrupted`, which holds the image so far. The same arguments give the same image
+    to the bit.
     """
     if params is not None:
         raise TypeError("params: pass None; parameters are changed in the scene before it is loaded")
@@ -182,7 +186,9 @@ def choose_integrator(scene: Scene, integrator: Integrator | str | None) -> Inte
         return scene.description.integrator
     if isinstance(integrator, str):
         if integrator not in _RADIANCE:
-            raise RayTraceError(f"unknown integrator {integrator!r}: there are {', '.join(_RADIANCE)} (aov needs settings)")
+            raise RayTraceError(
+                f"unknown integrator {integrator!r}: there are {', '.join(_RADIANCE)} (aov needs settings)"
+            )
         return Integrator(kind=integrator)  # type: ignore[arg-type]
     return integrator
 
@@ -205,7 +211,8 @@ def _sample(
 
 
 def _offset_rays(camera: Any, film: Film, position: Any, aperture: Any, sampler: Sampler) -> tuple[Ray, Ray]:
-    """Rays one pixel to the right and down, drawn nearer as samples lie closer together (Igehy 1999; Mitsuba does the same)."""
+    """Rays one pixel to the right and down, drawn nearer as samples lie closer together (Igehy 1999; Mitsuba does
+    the same)."""
     shrink = sampler.sample_count**-0.5
     step = type(position)
     right = step(shrink / film.width, 0)

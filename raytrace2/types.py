@@ -18,7 +18,8 @@ Precision = Literal["float32", "float64"]
 class Types:
     """Dr.Jit types whose floating-point members share one precision.
 
-    ``epsilon`` is the unit round-off (half the distance from 1 to the next number) and ``largest`` the largest finite number.
+    ``epsilon`` is the unit round-off (half the distance from 1 to the next number) and ``largest`` the largest
+    finite number.
     """
 
     precision: Precision
@@ -44,12 +45,32 @@ class Types:
 
 
 _FLOAT32 = Types(
-    "float32", ad.Float32, ad.Array2f, ad.Array3f, ad.Array4f, ad.ArrayXf, ad.Matrix3f, ad.Matrix4f, ad.TensorXf,
-    "float32", 2.0**-24, 3.4028234663852886e38,
+    "float32",
+    ad.Float32,
+    ad.Array2f,
+    ad.Array3f,
+    ad.Array4f,
+    ad.ArrayXf,
+    ad.Matrix3f,
+    ad.Matrix4f,
+    ad.TensorXf,
+    "float32",
+    2.0**-24,
+    3.4028234663852886e38,
 )
 _FLOAT64 = Types(
-    "float64", ad.Float64, ad.Array2f64, ad.Array3f64, ad.Array4f64, ad.ArrayXf64, ad.Matrix3f64, ad.Matrix4f64, ad.TensorXf64,
-    "float64", 2.0**-53, 1.7976931348623157e308,
+    "float64",
+    ad.Float64,
+    ad.Array2f64,
+    ad.Array3f64,
+    ad.Array4f64,
+    ad.ArrayXf64,
+    ad.Matrix3f64,
+    ad.Matrix4f64,
+    ad.TensorXf64,
+    "float64",
+    2.0**-53,
+    1.7976931348623157e308,
 )
 
 

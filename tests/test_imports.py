@@ -49,7 +49,10 @@ LAYER_OF = {name: number for number, names in enumerate(LAYERS) for name in name
 
 # The scene readers, the reference renders and our plugins inside Mitsuba.
 KNOWS_MITSUBA = ("scene", "reference", "mitsuba_plugins")
-TRACES = ("rays", "surfaces", "accel", "textures", "materials", "lights", "integrators", "scene.scene", "scene.traced", "film")
+TRACES = (
+    "rays", "surfaces", "accel", "textures", "materials", "lights", "integrators", "scene.scene", "scene.traced",
+    "film",
+)  # fmt: skip
 
 
 def modules() -> dict[str, Path]:

@@ -92,8 +92,8 @@ def empty_mesh(folder: Path) -> str:
 
 
 KINDS = [
-    unknown_plugin, missing_file, broken_xml, bad_number, cyclic_ref, face_index_out_of_range, nan_vertex, truncated_ply,
-    truncated_png, empty_mesh,
+    unknown_plugin, missing_file, broken_xml, bad_number, cyclic_ref, face_index_out_of_range, nan_vertex,
+    truncated_ply, truncated_png, empty_mesh,
 ]  # fmt: skip
 
 
@@ -118,6 +118,8 @@ def test_no_scene_file(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> Non
 
 def test_all_problems_at_once(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     scene = tmp_path / "scene.xml"
-    scene.write_text(SCENE.format(body=unknown_plugin(tmp_path) + "\n" + missing_file(tmp_path) + '\n<bsdf type="x" id="a"/>'))
+    scene.write_text(
+        SCENE.format(body=unknown_plugin(tmp_path) + "\n" + missing_file(tmp_path) + '\n<bsdf type="x" id="a"/>')
+    )
     assert cli.main(["render", str(scene)]) == 2
     assert "nowhere.obj" in capfd.readouterr().err

@@ -10,7 +10,12 @@ def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
     """The scene file and the values of its parameters."""
     parser.add_argument("scene", metavar="SCENE", help="a Mitsuba XML file")
     parser.add_argument(
-        "-D", dest="parameters", metavar="NAME=VALUE", action="append", default=[], help="fill in a $parameter of the scene"
+        "-D",
+        dest="parameters",
+        metavar="NAME=VALUE",
+        action="append",
+        default=[],
+        help="fill in a $parameter of the scene",
     )
 
 

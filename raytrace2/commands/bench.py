@@ -8,10 +8,14 @@ from pathlib import Path
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    parser.add_argument("mesh", nargs="?", metavar="MESH", help="a .ply or .obj file (default: a bumpy sphere by formula)")
+    parser.add_argument(
+        "mesh", nargs="?", metavar="MESH", help="a .ply or .obj file (default: a bumpy sphere by formula)"
+    )
     parser.add_argument("--triangles", type=int, default=70_000, help="of the bumpy sphere (default 70000)")
     parser.add_argument("--accel", action="append", help="a structure to measure; may be repeated (default bvh)")
-    parser.add_argument("--side", type=int, default=1024, help="primary rays along each side of the image (default 1024)")
+    parser.add_argument(
+        "--side", type=int, default=1024, help="primary rays along each side of the image (default 1024)"
+    )
     parser.add_argument("--repeat", type=int, default=15, help="runs of which the best counts (default 15)")
     parser.add_argument("-o", "--output", metavar="TABLE.md", help="write the table there too")
 
@@ -29,10 +33,10 @@ def run(args: argparse.Namespace) -> int:
         if getattr(args, name) < 1:
             raise RayTraceError(f"--{name} must be at least 1")
     if args.mesh:
-        kind = Path(args.mesh).suffix.lower().lstrip(".")
-        if kind not in ("ply", "obj"):
+        ending = Path(args.mesh).suffix.lower()
+        if ending not in (".ply", ".obj"):
             raise RayTraceError(f"{args.mesh}: the benchmark reads .ply and .obj meshes")
-        data = load_mesh_file(args.mesh, kind)
+        data = load_mesh_file(args.mesh, "ply" if ending == ".ply" else "obj")
         mesh = TriangleMesh(data.vertices, data.faces, name=Path(args.mesh).stem)
     else:
         mesh = bumpy_sphere(args.triangles)

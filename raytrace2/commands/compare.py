@@ -12,7 +12,9 @@ from .arguments import add_render_arguments, add_scene_arguments, load_scene, re
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     add_scene_arguments(parser)
-    parser.add_argument("-o", "--output", default=None, metavar="PAGE.html", help="the page to write (default: SCENE.html)")
+    parser.add_argument(
+        "-o", "--output", default=None, metavar="PAGE.html", help="the page to write (default: SCENE.html)"
+    )
     parser.add_argument("--spp", type=int, default=64, help="samples per pixel of ours (default 64)")
     parser.add_argument("--reference-spp", type=int, default=None, help="of Mitsuba's (default: as many)")
     parser.add_argument("--cache-dir", default=None, help="where references are kept")

@@ -33,5 +33,7 @@ def run(args: argparse.Namespace) -> int:
     result = compare(scene, spp=args.spp)
     write_png(output / "room.png", result.ours)
     header = {f"raytrace2.{key}": value for key, value in {**result.settings, **result.figures()}.items()}
-    write_exr(output / "room.exr", result.ours, ["R", "G", "B"], {**header, "raytrace2.scene_hash": scene.description.hash})
+    write_exr(
+        output / "room.exr", result.ours, ["R", "G", "B"], {**header, "raytrace2.scene_hash": scene.description.hash}
+    )
     return finish(result, output / "room.html", args)

@@ -13,7 +13,9 @@ from .arguments import add_render_arguments, add_scene_arguments, load_scene, re
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     add_scene_arguments(parser)
-    parser.add_argument("-o", "--output", default=None, metavar="FILE", help="an .exr or .png file (default: SCENE.exr)")
+    parser.add_argument(
+        "-o", "--output", default=None, metavar="FILE", help="an .exr or .png file (default: SCENE.exr)"
+    )
     parser.add_argument("--spp", type=int, default=0, help="samples per pixel (default: the scene's)")
     add_render_arguments(parser)
 

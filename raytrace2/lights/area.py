@@ -20,8 +20,11 @@ from .shape_sample import solid_angle
 
 _NONE = 0xFFFFFFFF
 _KINDS: tuple[type[description.Shape], ...] = (
-    description.MeshShape, description.RectangleShape, description.DiskShape,
-    description.CylinderShape, description.SphereShape,
+    description.MeshShape,
+    description.RectangleShape,
+    description.DiskShape,
+    description.CylinderShape,
+    description.SphereShape,
 )
 
 
@@ -67,9 +70,15 @@ class AreaLights:
                 span = dr.opaque(types.UInt, first), dr.opaque(types.UInt, len(group))
                 kinds.append((_BUILDERS[kind](group, textured, types), *span))
                 first += len(group)
-        return AreaLights(types, tuple(order), tuple(kinds), pack(emission, types),
-                          types.UInt(texture) if textured else None,
-                          textures.reach(texture[texture != _NONE].tolist()) if textured else None, textures)
+        return AreaLights(
+            types,
+            tuple(order),
+            tuple(kinds),
+            pack(emission, types),
+            types.UInt(texture) if textured else None,
+            textures.reach(texture[texture != _NONE].tolist()) if textured else None,
+            textures,
+        )
 
     def sample(self, p: Any, index: Any, u: Any, active: Any) -> LightSample:
         """A point on light ``index`` as seen from ``p``, from ``u`` (Array2f)."""
@@ -160,8 +169,11 @@ def _kind(shape: description.Shape) -> type[description.Shape]:
 def _problem(shape: description.Shape) -> Problem | None:
     name = f"shape '{shape.id}'"
     if not isinstance(shape, _KINDS):
-        return Problem(f"{name} of kind {type(shape).__name__} cannot emit light", shape.location,
-                       "attach the emitter to a mesh, rectangle, disk, cylinder or sphere outside any instance")
+        return Problem(
+            f"{name} of kind {type(shape).__name__} cannot emit light",
+            shape.location,
+            "attach the emitter to a mesh, rectangle, disk, cylinder or sphere outside any instance",
+        )
     if isinstance(shape, description.MeshShape) and len(shape.faces) == 0:
         return Problem(f"{name} emits light but has no faces", shape.location, "remove it or its emitter")
     if shape.emitter is None:

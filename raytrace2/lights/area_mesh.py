@@ -47,7 +47,8 @@ class MeshLights:
             areas=pack(np.array([area.sum() for _, area in parts]), types),
             halvings=cdf.steps(int(counts.max())),
             normals=pack(np.concatenate([_normals(s, t) for s, (t, _) in zip(shapes, parts, strict=True)]), types)
-            if smooth else None,
+            if smooth
+            else None,
             uv=pack(np.concatenate([_uv(s) for s in shapes]), types) if needs_uv else None,
         )
 

@@ -47,8 +47,11 @@ class EnvironmentMap:
         and uniform scale, under which densities would not keep their meaning."""
         radiance = _padded(np.asarray(light.pixels, dtype=np.float64)) * light.scale
         if not np.isfinite(radiance).all() or np.abs(radiance).max() > types.largest:
-            raise FileError("environment map with NaN, infinite or overflowing pixels", light.filename or "envmap",
-                            remedy="replace those pixels by finite values")
+            raise FileError(
+                "environment map with NaN, infinite or overflowing pixels",
+                light.filename or "envmap",
+                remedy="replace those pixels by finite values",
+            )
         height, width = radiance.shape[:2]
         sines = np.sin(np.arange(height) * (pi / (height - 1)))
         # A density of 0 at the poles would never find a bright pole beside a dark row, and give it unbounded weights.
@@ -63,7 +66,8 @@ class EnvironmentMap:
         density = density / mean if peak > 0 else density
         rotation = _rotation(light)
         return EnvironmentMap(
-            types, sphere,
+            types,
+            sphere,
             texels=pack(np.concatenate([radiance, density[..., None]], axis=-1), types),
             rows=pack(cdf.cumulative(cells.sum(axis=1)), types),
             columns=pack(cdf.cumulative(cells), types),
@@ -142,8 +146,15 @@ def _rotation(light: description.EnvironmentLight) -> np.ndarray:
     rotation: np.ndarray = linear / max(abs(np.linalg.det(linear)) ** (1 / 3), np.finfo(float).tiny)
     if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-4):
         location = Location(light.filename) if light.filename else None
-        raise SceneError([Problem("environment map whose to_world is not a rotation", location,
-                                  "leave shear and uneven scale out of to_world")])
+        raise SceneError(
+            [
+                Problem(
+                    "environment map whose to_world is not a rotation",
+                    location,
+                    "leave shear and uneven scale out of to_world",
+                )
+            ]
+        )
     return rotation
 
 

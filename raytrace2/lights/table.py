@@ -96,7 +96,8 @@ class LightTable:
             for light, which in enumerate(area_table.order):
                 surfaces[area[which][0]] = light
         return LightTable(
-            types, count,
+            types,
+            count,
             has_area=bool(area),
             has_delta=bool(point or spot or directional),
             has_environment=bool(environment),
@@ -181,8 +182,11 @@ def _check(lights: Sequence[description.Light]) -> None:
         problems.append(Problem(f"{len(infinite)} environment lights", None, "keep at most one constant or envmap"))
     for light in lights:
         name = type(light).__name__
-        numbers = [np.asarray(v, dtype=np.float64).ravel() for k, v in vars(light).items()
-                   if k not in ("pixels", "filename", "texture")]
+        numbers = [
+            np.asarray(v, dtype=np.float64).ravel()
+            for k, v in vars(light).items()
+            if k not in ("pixels", "filename", "texture")
+        ]
         if not np.isfinite(np.concatenate(numbers)).all():
             problems.append(Problem(f"{name} with a parameter that is not finite", None, "use finite numbers"))
         elif isinstance(light, description.DirectionalLight) and not any(light.direction):

@@ -31,11 +31,12 @@ _ORDER = list(_KINDS)
 class MaterialTable:
     """Materials by index: ``indices[i]`` (a handle, not a position) is that of the ``i``-th one given to :meth:`build`.
 
-    Leaf materials are in one table a kind; two-sided ones and masks are resolved to leaves. Kernels hold the kinds that
-    occur, and no dispatch where there is one. Python flags tell integrators what they can leave out: ``has_smooth_any``
-    (lobes that are not deltas), ``has_delta`` (mirror-like and null lobes), ``has_null`` (straight on: masks, thin
-    dielectrics), ``has_transmission`` (anything that crosses the surface), ``has_refraction`` (an ``eta`` other than 1). Directions are in the shading frame and
-    point away from the surface. What inactive lanes get means nothing.
+    Leaf materials are in one table a kind; two-sided ones and masks are resolved to leaves. Kernels hold the kinds
+    that occur, and no dispatch where there is one. Python flags tell integrators what they can leave out:
+    ``has_smooth_any`` (lobes that are not deltas), ``has_delta`` (mirror-like and null lobes), ``has_null``
+    (straight on: masks, thin dielectrics), ``has_transmission`` (anything that crosses the surface),
+    ``has_refraction`` (an ``eta`` other than 1). Directions are in the shading frame and point away from the
+    surface. What inactive lanes get means nothing.
     """
 
     def __init__(self, bsdfs: Sequence[Bsdf], textures: TextureTable) -> None:

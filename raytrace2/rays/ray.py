@@ -13,9 +13,10 @@ from ..types import Types, types
 class Ray:
     """A batch of rays ``o + t d`` for ``tmin <= t <= tmax``; ``d`` need not be of unit length.
 
-    ``o`` and ``d`` may be NumPy arrays of shape (n, 3) (or (3,)), Dr.Jit Array3f, or Mitsuba points and vectors; ``tmin``
-    and ``tmax`` are numbers or arrays of n. A Mitsuba ``Ray3f`` may be given alone as ``o``. The precision is ``precision``
-    if given, else that of a Dr.Jit ``o``, else float32. ``ValueError`` tells of shapes that do not fit.
+    ``o`` and ``d`` may be NumPy arrays of shape (n, 3) (or (3,)), Dr.Jit Array3f, or Mitsuba points and vectors;
+    ``tmin`` and ``tmax`` are numbers or arrays of n. A Mitsuba ``Ray3f`` may be given alone as ``o``. The precision
+    is ``precision`` if given, else that of a Dr.Jit ``o``, else float32. ``ValueError`` tells of shapes that do not
+    fit.
     """
 
     DRJIT_STRUCT = {"o": Any, "d": Any, "tmin": Any, "tmax": Any}

@@ -71,10 +71,16 @@ class Comparison:
         """Writes the HTML page; see :func:`raytrace2.reference.report.write_report`."""
         noise = self.noise
         return write_report(
-            path, ours=self.ours, reference=self.reference, title=self.title, figures=self.figures(),
-            settings=self.settings, consistent=self.consistent,
+            path,
+            ours=self.ours,
+            reference=self.reference,
+            title=self.title,
+            figures=self.figures(),
+            settings=self.settings,
+            consistent=self.consistent,
             reasons=noise.reasons if noise is not None else (),
-            flip_map=self.flip_map, z=None if noise is None else noise.z[..., 3],
+            flip_map=self.flip_map,
+            z=None if noise is None else noise.z[..., 3],
             worst_tile=None if noise is None else noise.worst_tile,
         )
 
@@ -120,7 +126,17 @@ def compare_batches(
     image, target = (v.mean(axis=0, dtype=np.float64).astype(np.float32) for v in (a, b))
     error, flip_map = flip(image, target)
     return Comparison(
-        title=title, ours=image, reference=target, rmse=rmse(image, target), relmse=relmse(image, target),
-        mae=mae(image, target), psnr=psnr(image, target), flip=error, flip_map=flip_map.astype(np.float32),
-        seconds=seconds, reference_seconds=reference_seconds, noise=noise, settings=dict(settings or {}),
+        title=title,
+        ours=image,
+        reference=target,
+        rmse=rmse(image, target),
+        relmse=relmse(image, target),
+        mae=mae(image, target),
+        psnr=psnr(image, target),
+        flip=error,
+        flip_map=flip_map.astype(np.float32),
+        seconds=seconds,
+        reference_seconds=reference_seconds,
+        noise=noise,
+        settings=dict(settings or {}),
     )

@@ -11,11 +11,13 @@ import numpy.typing as npt
 
 from .metrics import pair
 
-_RGB_TO_XYZ = np.array([
-    [10135552 / 24577794, 8788810 / 24577794, 4435075 / 24577794],
-    [2613072 / 12288897, 8788810 / 12288897, 887015 / 12288897],
-    [1425312 / 73733382, 8788810 / 73733382, 70074185 / 73733382],
-])
+_RGB_TO_XYZ = np.array(
+    [
+        [10135552 / 24577794, 8788810 / 24577794, 4435075 / 24577794],
+        [2613072 / 12288897, 8788810 / 12288897, 887015 / 12288897],
+        [1425312 / 73733382, 8788810 / 73733382, 70074185 / 73733382],
+    ]
+)
 _WHITE = _RGB_TO_XYZ.sum(axis=1)
 _XYZ_TO_RGB = np.linalg.inv(_RGB_TO_XYZ)
 # Contrast sensitivity of the achromatic, red-green and blue-yellow channels: sums of Gaussians, (a, b) of section
@@ -24,14 +26,12 @@ _CONTRAST_SENSITIVITY = (((1.0, 0.0047),), ((1.0, 0.0053),), ((34.1, 0.04), (13.
 _Q_COLOR, _Q_FEATURE, _P_COLOR, _P_THRESHOLD, _FEATURE_WIDTH = 0.7, 0.5, 0.4, 0.95, 0.082
 
 
-def flip(
-    image: npt.ArrayLike, reference: npt.ArrayLike, pixels_per_degree: float = 67.0
-) -> tuple[float, np.ndarray]:
+def flip(image: npt.ArrayLike, reference: npt.ArrayLike, pixels_per_degree: float = 67.0) -> tuple[float, np.ndarray]:
     """The low-dynamic-range FLIP error: its mean and the (H, W) map, from 0 (the same) to 1 (could not differ more).
 
     ``image`` and ``reference`` are (H, W, 3) linear Rec. 709; what a screen cannot show (below 0, above 1) is cut off,
     as a screen would. ``pixels_per_degree`` of visual angle: 67 is a 4K monitor of 0.7 m width seen from 0.7 m. A pixel
-    that is not finite in either image has error 1 and counts as black in its neighbours' filters. """
+    that is not finite in either image has error 1 and counts as black in its neighbours' filters."""
     a, b = pair(image, reference)
     broken = ~(np.isfinite(a) & np.isfinite(b)).all(axis=2)
     if broken.any():

@@ -1,7 +1,7 @@
 """How far an image is from a reference: one number each. Arrays are (H, W, 3) linear radiance.
 
 A pixel that is not finite makes the number not finite: a broken image never scores well by having its broken pixels
-left out. """
+left out."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def relmse(image: npt.ArrayLike, reference: npt.ArrayLike, epsilon: float = 1e-2
     """Mean of (image - reference)^2 / (reference^2 + epsilon), which weighs dark pixels like bright ones.
 
     ``epsilon`` keeps black reference pixels from dominating; its value is that of Rousselle et al., "Adaptive rendering
-    with non-local means filtering" (2012). """
+    with non-local means filtering" (2012)."""
     a, b = pair(image, reference)
     return float(np.mean((a - b) ** 2 / (b**2 + epsilon)))
 

@@ -31,7 +31,7 @@ class Reference:
     ``spp`` is what Mitsuba really took (its stratified samplers round up). Seconds: ``seconds_first`` for the first
     batch, kernel compilation included; ``seconds_best`` for the fastest batch; ``seconds`` for ``spp`` samples at that
     best pace, which is what a warm render costs; ``seconds_load`` for parsing and building the scene. From the cache
-    they are those of the render that filled it. """
+    they are those of the render that filled it."""
 
     batch_means: np.ndarray
     spp: int
@@ -92,7 +92,7 @@ def render_reference(
     Results are kept in ``cache_dir`` (default: :func:`default_cache_dir`) under a digest of the scene with its files,
     of all settings and of the versions of Mitsuba and Dr.Jit; a damaged cache file is rendered anew. A dict that holds
     live Mitsuba objects is rendered every time. ``SceneError`` for a scene that Mitsuba refuses, ``ValueError`` for
-    impossible settings. """
+    impossible settings."""
     if batches < 1 or spp < 1 or spp % batches:
         raise ValueError(f"spp must be a positive multiple of batches, not spp={spp} with batches={batches}")
     if resolution_scale <= 0.0 or (size is not None and (len(size) != 2 or min(size) < 1)):
@@ -104,9 +104,17 @@ def render_reference(
         started = time.perf_counter()
         parsed = parse(mi, source, parameters or {}, sensor, size, resolution_scale, sampler)
         settings: dict[str, Any] = {
-            "mitsuba": mi.__version__, "drjit": dr.__version__, "variant": variant, "spp": spp, "batches": batches,
-            "seed": seed, "sensor": sensor, "width": parsed.size[0], "height": parsed.size[1],
-            "integrator": dict(integrator) if integrator else None, "sampler": sampler,
+            "mitsuba": mi.__version__,
+            "drjit": dr.__version__,
+            "variant": variant,
+            "spp": spp,
+            "batches": batches,
+            "seed": seed,
+            "sensor": sensor,
+            "width": parsed.size[0],
+            "height": parsed.size[1],
+            "integrator": dict(integrator) if integrator else None,
+            "sampler": sampler,
         }
         key = _key(parsed.digest, settings)
         file = directory / f"reference-{key}.npz"
@@ -119,8 +127,9 @@ def render_reference(
             override = mi.load_dict(dict(integrator)) if integrator else None
             seconds_load = time.perf_counter() - started
             means, taken, seconds = _render(mi, scene, override, sensor, spp // batches, batches, seed)
-    reference = Reference(means, taken * batches, min(seconds) * batches, seconds[0], min(seconds), seconds_load, False,
-                          key, settings)
+    reference = Reference(
+        means, taken * batches, min(seconds) * batches, seconds[0], min(seconds), seconds_load, False, key, settings
+    )
     if key:
         _write(file, reference)
     return reference
@@ -182,16 +191,27 @@ def _read(file: Path, key: str, shape: tuple[int, ...]) -> Reference | None:
         return Reference(batch_means=means, from_cache=True, key=key, **meta)
     except FileNotFoundError:
         return None
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile, zlib.error,
-            NotImplementedError):
+    except (
+        OSError,
+        ValueError,
+        KeyError,
+        TypeError,
+        AttributeError,
+        EOFError,
+        zipfile.BadZipFile,
+        zlib.error,
+        NotImplementedError,
+    ):
         return None
 
 
 def _write(file: Path, reference: Reference) -> None:
     """Under a temporary name first, so that no reader ever meets half a file; a disk that refuses costs the cache
     only."""
-    meta = {name: getattr(reference, name)
-            for name in ("spp", "seconds", "seconds_first", "seconds_best", "seconds_load", "key", "settings")}
+    meta = {
+        name: getattr(reference, name)
+        for name in ("spp", "seconds", "seconds_first", "seconds_best", "seconds_load", "key", "settings")
+    }
     meta["sha256"] = hashlib.sha256(reference.batch_means.tobytes()).hexdigest()
     temporary: str | None = None
     try:

@@ -22,7 +22,8 @@ KINDS = ("primary", "bounce", "shadow")
 
 @dataclass(frozen=True)
 class RaySpeed:
-    """One row of the benchmark: ``ours`` and Mitsuba's rates in million rays per second, Mitsuba's the better of ``coherent``
+    """One row of the benchmark: ``ours`` and Mitsuba's rates in million rays per second, Mitsuba's the better of
+    ``coherent``
     True and False."""
 
     rays: str
@@ -80,8 +81,9 @@ def ray_speed(
 ) -> list[RaySpeed]:
     """Measures every structure of ``structures`` (as ``rt.accel.build`` names them) on the three kinds of rays.
 
-    Closest hits are ``intersect`` against ``scene.ray_intersect_preliminary``, shadow rays ``occluded`` against ``ray_test``.
-    Each rate is the best of ``repeat`` runs; ours and Mitsuba's alternate, so that both meet the same disturbances.
+    Closest hits are ``intersect`` against ``scene.ray_intersect_preliminary``, shadow rays ``occluded`` against
+    ``ray_test``. Each rate is the best of ``repeat`` runs; ours and Mitsuba's alternate, so that both meet the same
+    disturbances.
     """
     built = {name: build(mesh, name) for name in structures}
     rays = benchmark_rays(mesh, next(iter(built.values())), side)
@@ -153,5 +155,7 @@ def as_table(rows: Sequence[RaySpeed]) -> str:
     ]
     for r in rows:
         mode = "coherent" if r.coherent else "incoherent"
-        lines.append(f"| {r.rays} ({r.count:,}) | {r.structure} | {r.ours:.1f} | {r.mitsuba:.1f} ({mode}) | {r.ratio:.2f} |")
+        lines.append(
+            f"| {r.rays} ({r.count:,}) | {r.structure} | {r.ours:.1f} | {r.mitsuba:.1f} ({mode}) | {r.ratio:.2f} |"
+        )
     return "\n".join(lines)

@@ -5,7 +5,7 @@ A statistic of the true labelling is compared with the same statistic under othe
 images carry the labels, so the p-value is exact whatever the noise looks like: heavy tails, fireflies, few batches,
 pixels that the reconstruction filter correlates (Pitman 1937; early stopping after Besag and Clifford 1991). Statistics
 are studentised, which keeps the test nearly exact when the two sides agree in mean but differ in variance (Janssen
-1997). """
+1997)."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def relabelling_counts(columns: np.ndarray, margin: np.ndarray, threshold: float
     count.
 
     ``columns``: (batches, m) values, ours first; ``margin``: (m,) differences too small to count. Stops early, with a
-    shorter array, when so many labellings count as much as the truth that the p-value can no longer be small. """
+    shorter array, when so many labellings count as much as the truth that the p-value can no longer be small."""
     x = columns - columns.mean(axis=0, dtype=np.float64)
     size = np.abs(x).max(axis=0)
     kept = size > 0.0
@@ -103,7 +103,7 @@ def _screening_bound(n: int, ours: int, threshold: float) -> float:
     ``threshold``.
 
     z grows with the degrees of freedom, which are n - 2 at most. Welch's squared standard error is at least the pooled
-    one over ``ratio``, reached when all the variance lies on one side; pooled t is a function of the sum alone. """
+    one over ``ratio``, reached when all the variance lies on one side; pooled t is a function of the sum alone."""
     reference = n - ours
     df = n - 2.0
     ratio = max(ours - 1, reference - 1) / df * n / min(ours, reference)
@@ -113,8 +113,15 @@ def _screening_bound(n: int, ours: int, threshold: float) -> float:
 
 
 def _abs_z(
-    x: np.ndarray, squares: np.ndarray, total: np.ndarray, total_squares: np.ndarray, limit: np.ndarray,
-    rows: np.ndarray, ours: int, row: np.ndarray, column: np.ndarray,
+    x: np.ndarray,
+    squares: np.ndarray,
+    total: np.ndarray,
+    total_squares: np.ndarray,
+    limit: np.ndarray,
+    rows: np.ndarray,
+    ours: int,
+    row: np.ndarray,
+    column: np.ndarray,
 ) -> np.ndarray:
     """|z| of Welch's t for chosen (labelling, column) pairs, from the sums of one group."""
     reference = x.shape[0] - ours

@@ -21,12 +21,25 @@ from .windows import window_means, windows
 
 # sRGB anchors of the magma colour map (van der Walt and Smith 2015), in which FLIP maps are customarily shown.
 _MAGMA = (
-    (0, 0, 4), (28, 16, 68), (79, 18, 123), (129, 37, 129), (181, 54, 122),
-    (229, 80, 100), (251, 135, 97), (254, 194, 135), (252, 253, 191),
+    (0, 0, 4),
+    (28, 16, 68),
+    (79, 18, 123),
+    (129, 37, 129),
+    (181, 54, 122),
+    (229, 80, 100),
+    (251, 135, 97),
+    (254, 194, 135),
+    (252, 253, 191),
 )
 # Blue for too dark, red for too bright, after ColorBrewer's RdBu.
 _BLUE_RED = (
-    (5, 48, 97), (67, 147, 195), (209, 229, 240), (247, 247, 247), (253, 219, 199), (214, 96, 77), (103, 0, 31),
+    (5, 48, 97),
+    (67, 147, 195),
+    (209, 229, 240),
+    (247, 247, 247),
+    (253, 219, 199),
+    (214, 96, 77),
+    (103, 0, 31),
 )
 _Z_SHOWN = 5.0
 
@@ -58,12 +71,21 @@ def write_report(
         text = "The difference is no more than noise" if consistent else "The images differ by more than noise"
         verdict = {"good": bool(consistent), "text": text}
     data = {
-        "title": title, "width": a.shape[1], "height": a.shape[0], "names": list(names), "verdict": verdict,
-        "reasons": list(reasons), "figures": list(figures.items()), "settings": list((settings or {}).items()),
-        "ours": _half_planes(a), "reference": _half_planes(b), "tile": _tile(a, b, worst_tile),
+        "title": title,
+        "width": a.shape[1],
+        "height": a.shape[0],
+        "names": list(names),
+        "verdict": verdict,
+        "reasons": list(reasons),
+        "figures": list(figures.items()),
+        "settings": list((settings or {}).items()),
+        "ours": _half_planes(a),
+        "reference": _half_planes(b),
+        "tile": _tile(a, b, worst_tile),
         "flip": None if flip_map is None else _map(np.asarray(flip_map), _MAGMA),
         "z": None if z is None else _map(0.5 + 0.5 * np.asarray(z) / _Z_SHOWN, _BLUE_RED),
-        "exposure": _exposure(b), "gain": _gain(a - b),
+        "exposure": _exposure(b),
+        "gain": _gain(a - b),
     }
     # "<" would let a scene's name end the script element that holds the data.
     text = json.dumps(data, ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")

@@ -10,8 +10,15 @@ import numpy.typing as npt
 # Lanczos' approximation of log gamma, g = 7, nine terms (Godfrey's coefficients): relative error below 1e-14 for x >=
 # 0.5.
 _LANCZOS = (
-    0.99999999999980993, 676.5203681218851, -1259.1392167224028, 771.32342877765313, -176.61502916214059,
-    12.507343278686905, -0.13857109526572012, 9.9843695780195716e-6, 1.5056327351493116e-7,
+    0.99999999999980993,
+    676.5203681218851,
+    -1259.1392167224028,
+    771.32342877765313,
+    -176.61502916214059,
+    12.507343278686905,
+    -0.13857109526572012,
+    9.9843695780195716e-6,
+    1.5056327351493116e-7,
 )
 
 
@@ -43,7 +50,7 @@ def binomial_quantile(n: float, probability: float, alpha: float) -> float:
     """The smallest share s with P(X >= s n) <= ``alpha`` for X ~ Binomial(n, ``probability``); ``n`` need not be whole.
 
     P(X >= k) = I_p(k, n - k + 1), which also interpolates between whole k. 1 when even all n successes are likelier
-    than alpha. """
+    than alpha."""
     if n <= 0.0 or probability >= 1.0:
         return 1.0
     low, high = min(max(0.5, n * probability), n), n

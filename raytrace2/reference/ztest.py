@@ -11,7 +11,7 @@ of the false-alarm rate (Bonferroni), and the renders are consistent when none i
 - *mean*: does the mean of the whole image differ, in any channel or in luminance?
 
 The last three are judged by relabelling batches (:mod:`.relabel`), which needs no assumption about the noise but that
-both sides have the same; where they need not, Welch's t must agree. """
+both sides have the same; where they need not, Welch's t must agree."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class NoiseTest:
     z. ``mismatched_pixels``: pixels that are constant on both sides and differ; ``nonfinite_pixels``: ours not finite
     where the reference is finite; ``unjudged_pixels``: the reference itself is not finite. Maps: ``z`` (H, W, 4) signed
     z of ours - reference per channel and luminance, ``p`` (H, W, 4) its p-values, ``failing`` (H, W) bool. ``reasons``
-    says in words what failed. """
+    says in words what failed."""
 
     consistent: bool
     false_alarm_rate: float
@@ -144,13 +144,30 @@ def ztest(
     if p_mean <= each:
         reasons.append("the image mean differs by " + ", ".join(f"{d:+.2%}" for d in mean_difference))
     return NoiseTest(
-        consistent=not reasons, false_alarm_rate=false_alarm_rate, batches=(na, nb), failing_share=share,
+        consistent=not reasons,
+        false_alarm_rate=false_alarm_rate,
+        batches=(na, nb),
+        failing_share=share,
         failing_share_rgb=tuple(float((p[..., c] < FAILING_P).sum()) / max(1, judged) for c in range(3)),  # type: ignore[arg-type]
-        chance_share=chance, failing_bound=bound, effective_pixels=effective, p_exact=p_exact, p_pixels=p_pixels,
-        p_tiles=p_tiles, p_mean=p_mean, worst_tile=worst, worst_tile_z=worst_z, mean_difference=mean_difference,
-        mean_z=mean_z, noise_ratio=noise_ratio,
-        mismatched_pixels=int(mismatched.sum()), nonfinite_pixels=int(nonfinite.sum()),
-        unjudged_pixels=int(broken_reference.sum()), reasons=tuple(reasons), z=z, p=p, failing=failing,
+        chance_share=chance,
+        failing_bound=bound,
+        effective_pixels=effective,
+        p_exact=p_exact,
+        p_pixels=p_pixels,
+        p_tiles=p_tiles,
+        p_mean=p_mean,
+        worst_tile=worst,
+        worst_tile_z=worst_z,
+        mean_difference=mean_difference,
+        mean_z=mean_z,
+        noise_ratio=noise_ratio,
+        mismatched_pixels=int(mismatched.sum()),
+        nonfinite_pixels=int(nonfinite.sum()),
+        unjudged_pixels=int(broken_reference.sum()),
+        reasons=tuple(reasons),
+        z=z,
+        p=p,
+        failing=failing,
     )
 
 
@@ -182,7 +199,7 @@ def _exact(batches: np.ndarray, na: int, tolerance: float, floor: float) -> tupl
     """Pixels that do not vary on either side yet differ, and the exact p-value of finding so many.
 
     A labelling finds such a pixel when it splits the batches just where the pixel's two values do. So the p-value is
-    the number of splits that occur at least as often as the true one, over the number of labellings. """
+    the number of splits that occur at least as often as the true one, over the number of labellings."""
     n = len(batches)
     low, high = batches.min(axis=0), batches.max(axis=0)
     upper = batches > 0.5 * (low + high)
@@ -240,7 +257,7 @@ def _correlation_inflation(luminance: np.ndarray, na: int, reach: int = 4) -> fl
     "Fails" is an even function of the difference, so its expansion in Hermite polynomials starts with the second, and
     by Mehler's formula two pixels whose noise correlates by r have "fails" correlated by at most r^2. The variance of
     the count thus grows by at most the sum of r^2 over the neighbourhood: 1.6 for Mitsuba's default filter. r is
-    measured on the residuals of batches from their mean. """
+    measured on the residuals of batches from their mean."""
     residuals = []
     for side in (luminance[:na], luminance[na:]):
         deviation = side.std(axis=0)

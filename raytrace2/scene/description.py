@@ -301,7 +301,8 @@ class Camera:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PerspectiveCamera(Camera):
-    """``x_fov``: full horizontal field of view in degrees over the whole (uncropped) image; ``fov_axis`` the axis along which it
+    """``x_fov``: full horizontal field of view in degrees over the whole (uncropped) image; ``fov_axis`` the axis
+    along which it
     was given, whose field of view stays when the film gets another shape."""
 
     x_fov: float

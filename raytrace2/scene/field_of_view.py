@@ -12,7 +12,8 @@ def x_fov_of(fov: float, axis: str, aspect: float) -> float:
 
 
 def fov_along(x_fov: float, axis: str, aspect: float) -> float:
-    """The field of view along ``axis`` of an image whose horizontal one is ``x_fov``: the inverse of :func:`x_fov_of`."""
+    """The field of view along ``axis`` of an image whose horizontal one is ``x_fov``: the inverse of
+    :func:`x_fov_of`."""
     return _scaled(x_fov, _share(axis, aspect))
 
 

@@ -62,7 +62,8 @@ def read_camera(node: Node, reading: Reading) -> Camera | None:
 
 
 def _x_fov(properties: PropertyReader, film: Film) -> tuple[float, str]:
-    """The horizontal field of view in degrees, as Mitsuba derives it from what is given, and the axis that it was given for."""
+    """The horizontal field of view in degrees, as Mitsuba derives it from what is given, and the axis that it was
+    given for."""
     node, reading = properties.node, properties.reading
     axis = properties.choice("fov_axis", _FOV_AXES, fold=True)
     if properties.has("fov") and properties.has("focal_length"):

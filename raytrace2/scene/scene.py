@@ -36,7 +36,8 @@ class Scene:
         self, source: description.SceneDescription, origin: Any = None, parameters: dict[str, Any] | None = None
     ) -> None:
         self.description = source
-        #: What the scene was loaded from (a path, XML text or a dict) and with which parameters, for the reference renderer.
+        #: What the scene was loaded from (a path, XML text or a dict) and with which parameters, for the reference
+        #: renderer.
         self.origin = origin
         self.parameters = dict(parameters or {})
         self.accel = source.settings.get("accel", "bvh")
@@ -77,7 +78,8 @@ class Scene:
 
     def __repr__(self) -> str:
         d = self.description
-        return f"Scene({d.source or 'in memory'}: {len(d.shapes)} shapes, {len(d.lights)} lights, {len(d.cameras)} cameras)"
+        counts = f"{len(d.shapes)} shapes, {len(d.lights)} lights, {len(d.cameras)} cameras"
+        return f"Scene({d.source or 'in memory'}: {counts})"
 
     def _for(self, ray: Any) -> TracedScene:
         return self.traced(precision=types_of(ray.o).precision)

@@ -46,13 +46,23 @@ def grid_mesh(n: int = 4, smooth: bool = True) -> d.MeshShape:
     uv = np.stack([x, y], axis=-1).reshape(-1, 2) * 0.5 + 0.5
     tilted = np.tile([0.1, 0.05, -1.0], (len(vertices), 1))
     normals = tilted / np.linalg.norm(tilted, axis=1, keepdims=True)
-    return d.MeshShape(id="sheet", vertices=vertices, faces=faces.astype(np.uint32), uv=uv,
-                       normals=normals if smooth else None, emitter=d.AreaLight(d.ConstantTexture((1, 2, 3))))
+    return d.MeshShape(
+        id="sheet",
+        vertices=vertices,
+        faces=faces.astype(np.uint32),
+        uv=uv,
+        normals=normals if smooth else None,
+        emitter=d.AreaLight(d.ConstantTexture((1, 2, 3))),
+    )
 
 
 def emissive(kind: Any, to_world: np.ndarray, flip: bool = False, texture: Any = None) -> Any:
-    return kind(id=kind.__name__, to_world=to_world, flip_normals=flip,
-                emitter=d.AreaLight(texture or d.ConstantTexture((1.0, 2.0, 3.0))))
+    return kind(
+        id=kind.__name__,
+        to_world=to_world,
+        flip_normals=flip,
+        emitter=d.AreaLight(texture or d.ConstantTexture((1.0, 2.0, 3.0))),
+    )
 
 
 PLUGINS = {d.SphereShape: "sphere", d.RectangleShape: "rectangle", d.DiskShape: "disk", d.CylinderShape: "cylinder"}
@@ -64,8 +74,14 @@ def mitsuba_shape(mi: Any, shape: Any) -> Any:
     if isinstance(shape, d.MeshShape):
         props = mi.Properties()
         props["emitter"] = mi.load_dict(emitter)
-        mesh = mi.Mesh("m", len(shape.vertices), len(shape.faces), props=props,
-                       has_vertex_normals=shape.normals is not None, has_vertex_texcoords=shape.uv is not None)
+        mesh = mi.Mesh(
+            "m",
+            len(shape.vertices),
+            len(shape.faces),
+            props=props,
+            has_vertex_normals=shape.normals is not None,
+            has_vertex_texcoords=shape.uv is not None,
+        )
         parameters = mi.traverse(mesh)
         parameters["vertex_positions"] = shape.vertices.astype(np.float32).ravel()
         parameters["faces"] = shape.faces.ravel()
@@ -75,8 +91,12 @@ def mitsuba_shape(mi: Any, shape: Any) -> Any:
             parameters["vertex_texcoords"] = shape.uv.astype(np.float32).ravel()
         parameters.update()
         return mesh
-    return {"type": PLUGINS[type(shape)], "to_world": mi.ScalarTransform4f(shape.to_world),
-            "flip_normals": shape.flip_normals, "emitter": emitter}
+    return {
+        "type": PLUGINS[type(shape)],
+        "to_world": mi.ScalarTransform4f(shape.to_world),
+        "flip_normals": shape.flip_normals,
+        "emitter": emitter,
+    }
 
 
 def shapes() -> dict[str, Any]:
@@ -105,7 +125,17 @@ def interaction(si: Any, kind: Any) -> Any:
 
     v, f = kind.Array3f, si.sh_frame
     return SurfaceInteraction(
-        kind.Bool(si.is_valid()), kind.Float(si.t), v(si.p), v(si.n), Frame(v(f.s), v(f.t), v(f.n)),
-        kind.Array2f(si.uv), v(si.dp_du), v(si.dp_dv), kind.Array2f(si.uv), v(si.wi), kind.UInt(si.prim_index),
-        kind.UInt(0), kind.UInt(0xFFFFFFFF),
+        kind.Bool(si.is_valid()),
+        kind.Float(si.t),
+        v(si.p),
+        v(si.n),
+        Frame(v(f.s), v(f.t), v(f.n)),
+        kind.Array2f(si.uv),
+        v(si.dp_du),
+        v(si.dp_dv),
+        kind.Array2f(si.uv),
+        v(si.wi),
+        kind.UInt(si.prim_index),
+        kind.UInt(0),
+        kind.UInt(0xFFFFFFFF),
     )

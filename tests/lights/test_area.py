@@ -124,7 +124,8 @@ def test_far_and_near_spheres_keep_their_precision(distance):
     for precision in ("float32", "float64"):
         t = types(precision)
         s = cases.build(area=[shape], precision=precision).sample(
-            t.Array3f(0, 0, 0), t.Array2f(cases.samples(1000).numpy().astype(t.numpy)), t.Bool(True))
+            t.Array3f(0, 0, 0), t.Array2f(cases.samples(1000).numpy().astype(t.numpy)), t.Bool(True)
+        )
         results.append((s.pdf.numpy(), np.linalg.norm(s.d.numpy(), axis=0), s.weight.numpy()[0]))
     (pdf, length, weight), (pdf64, _, weight64) = results
     # (distance + 0.5) itself is rounded: a relative error of 6e-8 / distance in what is left.
@@ -141,8 +142,15 @@ def test_nothing_is_ever_infinite(name, precision):
     table = cases.build(area=[shape], precision=precision)
     on_it = table.sample(t.Array3f(*REFERENCE), cases.samples(300, precision), t.Bool(True)).p.numpy()
     rng = np.random.default_rng(5)
-    points = [on_it, rng.normal(size=(3, 300)), rng.normal(size=(3, 300)) * 1e6, rng.normal(size=(3, 300)) * 1e30,
-              on_it * (1 + 1e-6), np.tile([[1.0], [0.5], [2.0]], 300), np.tile([[5.0], [3.0], [2.0]], 300)]
+    points = [
+        on_it,
+        rng.normal(size=(3, 300)),
+        rng.normal(size=(3, 300)) * 1e6,
+        rng.normal(size=(3, 300)) * 1e30,
+        on_it * (1 + 1e-6),
+        np.tile([[1.0], [0.5], [2.0]], 300),
+        np.tile([[5.0], [3.0], [2.0]], 300),
+    ]
     p = t.Array3f(np.concatenate(points, axis=1).astype(t.numpy))
     u = t.Array2f(np.tile(cases.samples(300, precision).numpy(), len(points)))
     corners = t.Array2f(np.array([[0, 0, 1, 1], [0, 1, 0, 1.0]]).astype(t.numpy))
@@ -180,7 +188,7 @@ def test_textured_lights_show_the_same_texture_to_samples_and_hits():
         seen = table.radiance_at(hit, T.UInt(0), hit.valid).numpy()
         sampled = s.weight.numpy() / np.maximum(white.weight.numpy()[0], 1e-20)
         ok = (seen[0] > 0) & (sampled[0] > 0) & np.isclose(np.array(si.t), s.dist.numpy(), rtol=1e-4)
-        ok &= (np.abs(np.array(si.wi.z)) > 0.05)
+        ok &= np.abs(np.array(si.wi.z)) > 0.05
         assert ok.mean() > 0.2
         difference = np.abs(seen - sampled)[:, ok]
         assert np.quantile(difference, 0.99) < 2e-3, name

@@ -15,8 +15,9 @@ def invert(weights, u, precision="float32"):
     table = np.ones(BUFFER)
     table[: len(weights) + 1] = cdf.cumulative(np.array(weights, dtype=np.float64))
     steps = cdf.steps(len(weights))
-    i, inside = cdf.invert(t.Float(table.astype(t.numpy)), t.UInt(0), dr.opaque(t.UInt, len(weights)), steps,
-                           t.Float(u), t.Bool(True))
+    i, inside = cdf.invert(
+        t.Float(table.astype(t.numpy)), t.UInt(0), dr.opaque(t.UInt, len(weights)), steps, t.Float(u), t.Bool(True)
+    )
     return i.numpy(), inside.numpy()
 
 

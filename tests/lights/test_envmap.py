@@ -24,8 +24,17 @@ def variant():
 
 
 def mitsuba_scene(image, to_world, scale):
-    return mi.load_dict({"type": "scene", "light": {
-        "type": "envmap", "bitmap": mi.Bitmap(image), "scale": scale, "to_world": mi.ScalarTransform4f(to_world)}})
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "light": {
+                "type": "envmap",
+                "bitmap": mi.Bitmap(image),
+                "scale": scale,
+                "to_world": mi.ScalarTransform4f(to_world),
+            },
+        }
+    )
 
 
 def directions(n, seed=0):
@@ -35,8 +44,9 @@ def directions(n, seed=0):
 
 def grid(rows, columns):
     """World directions at the centres of equal steps in the map's theta and phi, and their solid angles."""
-    theta, phi = np.meshgrid((np.arange(rows) + 0.5) / rows * np.pi, (np.arange(columns) + 0.5) / columns * 2 * np.pi,
-                             indexing="ij")
+    theta, phi = np.meshgrid(
+        (np.arange(rows) + 0.5) / rows * np.pi, (np.arange(columns) + 0.5) / columns * 2 * np.pi, indexing="ij"
+    )
     v = np.stack([np.sin(phi) * np.sin(theta), np.cos(theta), -np.cos(phi) * np.sin(theta)])
     return T64.Array3f(TURN[:3, :3] @ v.reshape(3, -1)), (np.sin(theta) * (2 * np.pi**2 / (rows * columns))).ravel()
 
@@ -106,8 +116,13 @@ def test_noise_is_no_worse_than_mitsubas():
 
 
 @settings(max_examples=25, deadline=None)
-@given(st.integers(0, 2**32 - 1), st.integers(1, 6), st.integers(1, 6), st.sampled_from(["float32", "float64"]),
-       st.sampled_from([0.0, 1e-30, 1.0, 1e30]))
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(1, 6),
+    st.integers(1, 6),
+    st.sampled_from(["float32", "float64"]),
+    st.sampled_from([0.0, 1e-30, 1.0, 1e30]),
+)
 def test_nothing_is_ever_infinite(seed, height, width, precision, peak):
     t = types(precision)
     rng = np.random.default_rng(seed)

@@ -17,8 +17,12 @@ DELTAS = {
     "point": (d.PointLight((1, 2, 3), (4, 5, 6)), {"type": "point", "position": [1, 2, 3]}, (4, 5, 6), "intensity"),
     "spot": (SPOT, {"type": "spot", "cutoff_angle": 40, "beam_width": 25}, (3, 2, 1), "intensity"),
     "slim": (SLIM, {"type": "spot", "cutoff_angle": 0.01, "beam_width": 0.01}, (3, 2, 1), "intensity"),
-    "directional": (d.DirectionalLight((1, -2, 0.5), (1, 2, 3)),
-                    {"type": "directional", "direction": [1, -2, 0.5]}, (1, 2, 3), "irradiance"),
+    "directional": (
+        d.DirectionalLight((1, -2, 0.5), (1, 2, 3)),
+        {"type": "directional", "direction": [1, -2, 0.5]},
+        (1, 2, 3),
+        "irradiance",
+    ),
     "constant": (d.ConstantLight((1, 2, 3)), {"type": "constant"}, (1, 2, 3), "radiance"),
 }
 
@@ -180,6 +184,13 @@ def test_reference_points_on_and_far_from_delta_lights():
 def test_bad_lights_are_refused_together():
     flat = np.diag([1.0, 1, 0, 1])
     with pytest.raises(SceneError) as error:
-        cases.build([d.ConstantLight(), d.ConstantLight(), d.DirectionalLight((0, 0, 0)),
-                     d.PointLight((0, np.nan, 0)), d.SpotLight(flat)])
+        cases.build(
+            [
+                d.ConstantLight(),
+                d.ConstantLight(),
+                d.DirectionalLight((0, 0, 0)),
+                d.PointLight((0, np.nan, 0)),
+                d.SpotLight(flat),
+            ]
+        )
     assert len(error.value.problems) == 4

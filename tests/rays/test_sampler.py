@@ -105,8 +105,8 @@ def test_numbers_are_uniform_below_one(kind, precision):
         counts = np.histogram(row, 64, (0, 1))[0]
         assert ((counts - 1024) ** 2 / 1024).sum() < 140  # chi-square, 63 degrees of freedom: beyond 1e-7
     correlation = np.corrcoef(numbers)
-    # The permutations of Mitsuba's stratified sampler have neighbouring seeds, and correlate a little from one dimension
-    # to the next.
+    # The permutations of Mitsuba's stratified sampler have neighbouring seeds, and correlate a little from one
+    # dimension to the next.
     assert np.abs(correlation - np.eye(4)).max() < (0.04 if kind == "stratified" else 0.02)
 
 

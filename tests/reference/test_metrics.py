@@ -60,7 +60,11 @@ def test_flip_is_that_of_its_authors(case: int, pixels_per_degree: float) -> Non
     evaluator = pytest.importorskip("flip_evaluator")
     image, reference = _images()[case]
     theirs, mean, _ = evaluator.evaluate(
-        reference.astype(np.float32), image.astype(np.float32), "LDR", inputsRGB=False, applyMagma=False,
+        reference.astype(np.float32),
+        image.astype(np.float32),
+        "LDR",
+        inputsRGB=False,
+        applyMagma=False,
         parameters={"ppd": pixels_per_degree},
     )
     ours, error = flip(image, reference, pixels_per_degree)

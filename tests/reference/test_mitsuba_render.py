@@ -36,8 +36,11 @@ def _render(tmp_path: Path, source: Any = SCENE, **settings: Any) -> Reference:
 def _dict() -> dict[str, Any]:
     film = {"type": "hdrfilm", "width": 16, "height": 8, "pixel_format": "luminance"}
     return {
-        "type": "scene", "integrator": {"type": "direct"}, "light": {"type": "constant"},
-        "sensor": {"type": "perspective", "film": film}, "ball": {"type": "sphere", "center": [0, 0, 4]},
+        "type": "scene",
+        "integrator": {"type": "direct"},
+        "light": {"type": "constant"},
+        "sensor": {"type": "perspective", "film": film},
+        "ball": {"type": "sphere", "center": [0, 0, 4]},
     }
 
 
@@ -55,8 +58,15 @@ def test_the_second_time_comes_from_the_cache(tmp_path: Path) -> None:
     first, second = _render(tmp_path), _render(tmp_path)
     assert second.from_cache and second.seconds == first.seconds and second.settings == first.settings
     np.testing.assert_array_equal(second.batch_means, first.batch_means)
-    for change in ({"seed": 1}, {"spp": 16}, {"batches": 2}, {"size": (20, 10)}, {"parameters": {"colour": "0.6"}},
-                   {"integrator": {"type": "path", "max_depth": 2}}, {"sampler": "stratified"}):
+    for change in (
+        {"seed": 1},
+        {"spp": 16},
+        {"batches": 2},
+        {"size": (20, 10)},
+        {"parameters": {"colour": "0.6"}},
+        {"integrator": {"type": "path", "max_depth": 2}},
+        {"sampler": "stratified"},
+    ):
         assert not _render(tmp_path, **change).from_cache, change
     assert not [f for f in os.listdir(tmp_path / "cache") if not f.endswith(".npz")]
 
@@ -122,8 +132,13 @@ def test_content_of_files_and_bitmaps_decides(tmp_path: Path) -> None:
     def textured(value: float) -> dict[str, Any]:
         mi.set_variant("llvm_ad_rgb")
         bitmap = mi.Bitmap(np.full((2, 2, 3), value, dtype=np.float32))
-        return _dict() | {"ball": {"type": "sphere", "center": [0, 0, 4], "bsdf": {
-            "type": "diffuse", "reflectance": {"type": "bitmap", "bitmap": bitmap, "raw": True}}}}
+        return _dict() | {
+            "ball": {
+                "type": "sphere",
+                "center": [0, 0, 4],
+                "bsdf": {"type": "diffuse", "reflectance": {"type": "bitmap", "bitmap": bitmap, "raw": True}},
+            }
+        }
 
     keys = [_render(tmp_path, textured(v), parameters=None).key for v in (0.2, 0.4, 0.2)]
     assert keys[0] == keys[2] != keys[1] and all(keys)

@@ -71,8 +71,15 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     options = webdriver.ChromeOptions()
     options.binary_location = binary
     for argument in (
-        "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-        "--disable-background-networking", "--disable-component-update", "--disable-sync", "--window-size=1200,1400",
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--disable-quic",
+        "--no-first-run",
+        "--disable-background-networking",
+        "--disable-component-update",
+        "--disable-sync",
+        "--window-size=1200,1400",
         f"--user-data-dir={tmp_path_factory.mktemp('profile')}",
     ):
         options.add_argument(argument)
@@ -140,8 +147,16 @@ def test_keys_drive_the_slider(page: Any) -> None:
     handle = page.find_element("id", "handle")
     assert handle.get_attribute("role") == "slider" and handle.get_attribute("aria-label")
     steps = [
-        (Keys.ARROW_RIGHT, 51), (Keys.ARROW_LEFT, 50), (Keys.PAGE_UP, 60), (Keys.ARROW_UP, 61), (Keys.ARROW_DOWN, 60),
-        (Keys.PAGE_DOWN, 50), (Keys.SHIFT + Keys.ARROW_LEFT, 40), (Keys.HOME, 0), (Keys.ARROW_LEFT, 0), (Keys.END, 100),
+        (Keys.ARROW_RIGHT, 51),
+        (Keys.ARROW_LEFT, 50),
+        (Keys.PAGE_UP, 60),
+        (Keys.ARROW_UP, 61),
+        (Keys.ARROW_DOWN, 60),
+        (Keys.PAGE_DOWN, 50),
+        (Keys.SHIFT + Keys.ARROW_LEFT, 40),
+        (Keys.HOME, 0),
+        (Keys.ARROW_LEFT, 0),
+        (Keys.END, 100),
     ]
     for key, expected in steps:
         handle.send_keys(key)
@@ -153,16 +168,23 @@ def test_keys_drive_the_slider(page: Any) -> None:
 
 def test_exposure_and_gain_and_kind_redraw(page: Any) -> None:
     def pixel(canvas: str, y: int = 25, x: int = 35) -> list[int]:
-        return list(page.execute_script(
-            "const [id, x, y] = arguments, context = document.getElementById(id).getContext('2d');"
-            "return [...context.getImageData(x, y, 1, 1).data]",
-            canvas, x, y))
+        return list(
+            page.execute_script(
+                "const [id, x, y] = arguments, context = document.getElementById(id).getContext('2d');"
+                "return [...context.getImageData(x, y, 1, 1).data]",
+                canvas,
+                x,
+                y,
+            )
+        )
 
     def put(control: str, value: float) -> None:
         page.execute_script(
             "const [id, value] = arguments, e = document.getElementById(id);"
             "e.value = value; e.dispatchEvent(new Event('input'))",
-            control, value)
+            control,
+            value,
+        )
 
     comparison = _comparison()
     linear = comparison.reference[25, 35].astype(float)

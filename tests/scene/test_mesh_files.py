@@ -40,9 +40,7 @@ def require_same_as_mitsuba(mi, kind: str, path: Path, **options) -> MeshData:
         assert len(uv) == 0
     else:
         np.testing.assert_array_equal(mesh.uv.astype(np.float32), uv)
-    normals = finish_normals(
-        mesh.vertices, mesh.faces, mesh.normals, face_normals=options.get("face_normals", False)
-    )
+    normals = finish_normals(mesh.vertices, mesh.faces, mesh.normals, face_normals=options.get("face_normals", False))
     theirs = np.reshape(buffers["vertex_normals"], (-1, 3))
     if normals is None:
         assert len(theirs) == 0

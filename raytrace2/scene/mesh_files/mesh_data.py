@@ -72,9 +72,7 @@ def refuse_zero_normals(normals: np.ndarray, faces: np.ndarray, path: str, line_
         raise FileError(f"the normal of vertex {vertex} has length zero", path, line, remedy)
 
 
-def _require_finite(
-    array: np.ndarray, kind: str, what: str, path: str, line: Callable[[str, int], int | None]
-) -> None:
+def _require_finite(array: np.ndarray, kind: str, what: str, path: str, line: Callable[[str, int], int | None]) -> None:
     finite = np.isfinite(array)
     if finite.all():
         return

@@ -75,9 +75,7 @@ def _vectors(element: Element, names: tuple[str, ...], columns: Columns, name: s
     return np.stack([columns[i].astype(code) for i in fields], axis=1)
 
 
-def _faces(
-    element: Element, columns: Columns, n: int, name: str, line_of: LineOf
-) -> tuple[np.ndarray, set[int]]:
+def _faces(element: Element, columns: Columns, n: int, name: str, line_of: LineOf) -> tuple[np.ndarray, set[int]]:
     lists = [i for i, f in enumerate(element.fields) if f.role == "count"]
     if len(lists) != 1 or element.fields[lists[0]].name not in ("vertex_index", "vertex_indices"):
         found = ", ".join(element.fields[i].name for i in lists) or "none"
