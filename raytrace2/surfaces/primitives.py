@@ -160,6 +160,7 @@ class DevicePrimitives:
         if kind in (record.INSTANCE, record.NESTED):
             return self._enter(kind, place, words, id, ray, best)
         inside, t, u, v = self._line_test(kind, words, ray, best.t)
+        best = best.counted(primitives=1)
         closer = inside & (t >= ray.tmin) & ((t < best.t) | ((t == best.t) & (id < best.id)))
         return Candidate(
             dr.select(closer, t, best.t),
@@ -167,6 +168,7 @@ class DevicePrimitives:
             dr.select(closer, v, best.v),
             dr.select(closer, id, best.id),
             None if best.instance is None else dr.select(closer, record.NONE, best.instance),
+            best.counts,
         )
 
     def _occludes(self, kind: int, place: int, words: list[Any], ray: LocalRay) -> Any:
@@ -207,6 +209,7 @@ class DevicePrimitives:
             dr.zeros(type(best.v), width),
             dr.full(UInt, record.NONE, width),
             dr.full(UInt, record.NONE, width) if inner.has_instances else None,
+            best.counts,
         )
         root = record.decode_integer(words[record.ROOT], self.types)
         found = inner.traverse(self._into(kind, words, ray), start, root, True)
@@ -230,4 +233,5 @@ class DevicePrimitives:
             dr.select(closer, found.v, best.v),
             dr.select(closer, id, best.id),
             instance,
+            found.counts,
         )

@@ -22,8 +22,8 @@ class Scan(Structure):
     def __init__(self, geometry: Geometry) -> None:
         super().__init__(geometry)
         parts = geometry.primitives()
-        self.count = len(parts) if parts else 0
-        self._opaque_count = dr.opaque(self.types.UInt, self.count)
+        self._count = len(parts) if parts else 0
+        self._opaque_count = dr.opaque(self.types.UInt, self._count)
         self._bytes = parts.records.nbytes if parts else 0
         self._device = parts.upload() if parts else None
 
@@ -61,4 +61,4 @@ class Scan(Structure):
 
     def statistics(self) -> dict[str, Any]:
         """How many primitives are tested per ray, and the bytes that they take."""
-        return {"kind": self.kind, "primitives": self.count, "bytes": self._bytes, "build_seconds": 0.0}
+        return {"kind": self.kind, "primitives": self._count, "bytes": self._bytes, "build_seconds": 0.0}

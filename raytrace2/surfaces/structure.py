@@ -9,7 +9,7 @@ import numpy as np
 
 from ..rays.ray import Ray
 from ..types import Types
-from .hit import Candidate, Hit
+from .hit import Candidate, Counts, Hit
 from .primitives import LocalRay, Primitives
 from .record import NONE
 from .surface import Surface
@@ -57,13 +57,23 @@ class Structure(Surface):
         raise NotImplementedError
 
     def intersect(self, ray: Any, active: Any = True) -> Hit:
+        return self._closest(ray, active, counting=False)[0]
+
+    def count(self, ray: Any, active: Any = True) -> tuple[Hit, Counts]:
+        """The closest hits together with what finding them cost each ray."""
+        hit, counts = self._closest(ray, active, counting=True)
+        assert counts is not None
+        return hit, counts
+
+    def _closest(self, ray: Any, active: Any, *, counting: bool) -> tuple[Hit, Counts | None]:
         ray, active = self._checked(ray), self.types.Bool(active)
         types, width = self.types, _width(ray, active)
         zero = dr.zeros(types.Float, width)
         none = dr.full(types.UInt, NONE, width)
         farthest = self._farthest(ray) + zero
         instance = dr.full(types.UInt, NONE, width) if self.has_instances else None
-        start = Candidate(farthest, zero, zero + 0, none, instance)
+        counts = Counts(*(dr.zeros(types.UInt, width) for _ in range(3))) if counting else None
+        start = Candidate(farthest, zero, zero + 0, none, instance, counts)
         with dr.suspend_grad():
             local = LocalRay(ray.o, ray.d, ray.tmin, farthest)
             found = self.traverse(local, start, dr.zeros(types.UInt, width), _can_hit(ray) & active)
@@ -71,7 +81,7 @@ class Structure(Surface):
         surface, prim = self.geometry.surface_and_prim(found.id, valid)
         instance = dr.full(types.UInt, NONE, width) if found.instance is None else found.instance
         t = dr.select(valid, found.t, dr.inf)
-        return Hit(t, prim, types.Array2f(found.u, found.v), surface, instance)
+        return Hit(t, prim, types.Array2f(found.u, found.v), surface, instance), found.counts
 
     def occluded(self, ray: Any, active: Any = True) -> Any:
         ray, active = self._checked(ray), self.types.Bool(active)
