@@ -16,15 +16,16 @@ from ..surfaces.hit import Candidate
 from ..surfaces.primitives import LocalRay, Primitives
 from ..surfaces.structure import Structure
 from . import bounding_volumes_traversal as traversal
-from .volume_groups import Groups, expected_tests, halved, in_runs
+from .volume_groups import Groups, expected_tests, half_area, halved, in_runs
 from .volumes import VOLUMES
 from .volumes.hulls import Hulls
 
 
 @dataclass(frozen=True)
 class BoundingVolumesConfig:
-    """``volume``: the shape. ``group_size``: most primitives in a group; ``"surface"``, one group for each surface (mesh, sphere,
-    nested structure ...); or ``"auto"``, groups of the size that costs least by the surface areas of their boxes.
+    """``volume``: the shape. ``group_size``: most primitives in a group; ``"surface"``, one group for each surface
+    (mesh, sphere, nested structure ...); or ``"auto"``, groups of the size that costs least by the surface areas of
+    their boxes.
 
     ``volume_cost`` and ``primitive_cost``: what a test of either costs, in any unit, for that choice.
     """
@@ -71,6 +72,9 @@ class BoundingVolumes(Structure):
 
     def _build(self, parts: Primitives) -> None:
         groups = self._groups(parts)
+        if len(groups) > traversal.MAX_VOLUMES:
+            most = traversal.MAX_VOLUMES
+            raise ValueError(f"there can be {most} bounding volumes, not {len(groups)}: raise group_size")
         parts = parts.reordered(groups.order)
         volume = VOLUMES[self.config.volume]
         words = volume.fit(Hulls.of(parts, groups.firsts), self.types)
@@ -84,7 +88,7 @@ class BoundingVolumes(Structure):
             parts.upload(),
         )
         sizes = np.diff(groups.firsts)
-        everything = volume.areas(volume.fit(Hulls.of(parts, np.array([0, len(parts)])), self.types))[0]
+        everything = 2 * half_area(parts.lo.min(axis=0)[None], parts.hi.max(axis=0)[None])[0]
         share = np.minimum(volume.areas(words) / everything, 1) if everything > 0 else np.ones(len(groups))
         tests = float((sizes * share).sum())
         config = self.config
@@ -130,6 +134,7 @@ class BoundingVolumes(Structure):
         return traversal.anything(self._device, ray, root, active)
 
     def statistics(self) -> dict[str, Any]:
-        """Counts of volumes and primitives, bytes on the device, the seconds that the build took, how many volumes and primitives a
-        random ray that meets the volume around everything is expected to test, and ``sah_cost``, what that costs."""
+        """Counts of volumes and primitives, bytes on the device, the seconds that the build took, how many volumes
+        and primitives a random line that meets the box around everything is expected to test, and ``sah_cost``, what
+        that costs."""
         return dict(self._statistics)

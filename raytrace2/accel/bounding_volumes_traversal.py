@@ -1,8 +1,8 @@
 """Rays through a flat list of volumes, a chapter at a time: first which volumes are met, then the primitives of those.
 
-All rays go down the list in step, so that rays that a processor works on at once read the same volumes, and each notes what it
-met. Then each works through its own notes: rays that met different groups test them at the same time, where testing
-a group as soon as any of them met it would make all the others wait.
+All rays go down the list in step, so that rays that a processor works on at once read the same volumes, and each
+notes what it met. Then each works through its own notes: rays that met different groups test them at the same time,
+where testing a group as soon as any of them met it would make all the others wait.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ _PACKET = 16
 
 @dataclass(frozen=True, eq=False)
 class DeviceVolumes:
-    """``words`` of the volumes, padded to whole blocks; ``ranges``, first primitive and end of each; ``count`` of volumes."""
+    """``words`` of the volumes, padded to whole blocks; ``ranges``, first primitive and end of each; ``count`` of
+    volumes."""
 
     types: Types
     volume: Volume
@@ -42,8 +43,8 @@ class DeviceVolumes:
 
 @dataclass
 class Notes:
-    """What a ray has still to test: the met blocks in ``blocks`` (``size`` of them), the volumes ``mask`` of the block ``base``,
-    and the primitives from ``i`` to ``end`` of a volume."""
+    """What a ray has still to test: the met blocks in ``blocks`` (``size`` of them), the volumes ``mask`` of the
+    block ``base``, and the primitives from ``i`` to ``end`` of a volume."""
 
     blocks: Any
     size: Any
@@ -124,7 +125,8 @@ def anything(device: DeviceVolumes, ray: LocalRay, root: Any, active: Any) -> An
 
 
 def _read_chapter(device: DeviceVolumes, ray: VolumeRay, base: Any, end: Any, tmax: Any) -> tuple[Any, Notes]:
-    """The first volume after the chapter that begins at ``base``, and notes on the volumes in it that each ray meets."""
+    """The first volume after the chapter that begins at ``base``, and notes on the volumes in it that each ray
+    meets."""
     UInt, width = device.types.UInt, dr.width(base)
     stop = dr.fmin(base + BLOCK * CHAPTER, end)
 
@@ -148,7 +150,8 @@ def _unfinished(notes: Notes) -> Any:
 
 
 def _next_group(device: DeviceVolumes, ray: VolumeRay, notes: Notes, tmax: Any) -> Notes:
-    """Goes on to the next volume in the notes, and to its primitives; not if a ``tmax`` is given that now ends before it."""
+    """Goes on to the next volume in the notes, and to its primitives; not if a ``tmax`` is given that now ends before
+    it."""
     UInt = device.types.UInt
     turn_page = notes.mask == 0
     size = dr.select(turn_page, notes.size - 1, notes.size)

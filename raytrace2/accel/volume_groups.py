@@ -19,8 +19,8 @@ class Groups:
 
 
 def halved(lo: np.ndarray, hi: np.ndarray, most: int) -> list[Groups]:
-    """Groupings by halving, coarsest first: all in one group, then each group in two equal ones along the longest side of the box
-    around its centroids, until none has more than ``most`` primitives.
+    """Groupings by halving, coarsest first: all in one group, then each group in two equal ones along the longest
+    side of the box around its centroids, until none has more than ``most`` primitives.
 
     ``lo``, ``hi`` (n, 3) are the primitives' bounds. Ties go by the primitives' numbers.
     """
@@ -53,8 +53,8 @@ def in_runs(labels: np.ndarray) -> Groups:
 
 
 def expected_tests(groups: Groups, lo: np.ndarray, hi: np.ndarray) -> float:
-    """How many primitives a random line that meets the box around everything tests, with a box around each group: the sum of
-    sizes times the boxes' shares of its area (Goldsmith and Salmon 1987)."""
+    """How many primitives a random line that meets the box around everything tests, with a box around each group: the
+    sum of sizes times the boxes' shares of its area (Goldsmith and Salmon 1987)."""
     low = np.minimum.reduceat(lo[groups.order].astype(np.float64), groups.firsts[:-1], axis=0)
     high = np.maximum.reduceat(hi[groups.order].astype(np.float64), groups.firsts[:-1], axis=0)
     whole = half_area(low.min(axis=0)[None], high.max(axis=0)[None])[0]

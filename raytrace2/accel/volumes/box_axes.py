@@ -1,8 +1,9 @@
 """Axes of small oriented boxes around many groups of points at once.
 
-Larsson and Kallberg, "Fast Computation of Tight-Fitting Oriented Bounding Boxes" (Game Engine Gems 2, 2011), with fourteen
-extremal points: a large triangle among them, a point on either side of it, and the edges of the seven triangles so made
-as candidate axes. The best on the extremal points then competes, on all points, with the principal axes and the world's.
+Larsson and Kallberg, "Fast Computation of Tight-Fitting Oriented Bounding Boxes" (Game Engine Gems 2, 2011), with
+fourteen extremal points: a large triangle among them, a point on either side of it, and the edges of the seven
+triangles so made as candidate axes. The best on the extremal points then competes, on all points, with the principal
+axes and the world's.
 """
 
 from __future__ import annotations
@@ -68,7 +69,8 @@ def _areas(hulls: Hulls, axes: np.ndarray) -> np.ndarray:
 
 
 def _axes_of_triangles(extremes: np.ndarray) -> np.ndarray:
-    """Of the axes that the edges of seven triangles and their normals give, those of the least box around ``extremes``."""
+    """Of the axes that the edges of seven triangles and their normals give, those of the least box around
+    ``extremes``."""
     g = np.arange(len(extremes))
     pairs = extremes[:, 7:] - extremes[:, :7]
     longest = np.square(pairs).sum(axis=2).argmax(axis=1)
@@ -93,7 +95,8 @@ def _axes_of_triangles(extremes: np.ndarray) -> np.ndarray:
 
 
 def _frame(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Rows: the edge from p to q, the triangle's normal, and what is across both; NaN where the triangle is degenerate."""
+    """Rows: the edge from p to q, the triangle's normal, and what is across both; NaN where the triangle is
+    degenerate."""
     normal = np.cross(q - p, r - p)
     flat = np.square(normal).sum(axis=1) < 1e-20
     edge, normal = _unit(q - p), _unit(normal)

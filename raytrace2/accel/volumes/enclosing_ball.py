@@ -1,9 +1,9 @@
 """Smallest enclosing balls of many groups of points at once.
 
-A basis of at most four points spans each ball. The point farthest from its centre enters, the smallest ball of those five
-is found among the balls that subsets span, and the subset is the next basis: the radius only grows, so that no basis
-comes back, and it ends with every point inside. (Welzl 1991 in the pivoting form of Gaertner, "Fast and robust smallest
-enclosing balls", ESA 1999, a step for all groups at a time.)
+A basis of at most four points spans each ball. The point farthest from its centre enters, the smallest ball of those
+five is found among the balls that subsets span, and the subset is the next basis: the radius only grows, so that no
+basis comes back, and it ends with every point inside. (Welzl 1991 in the pivoting form of Gaertner, "Fast and robust
+smallest enclosing balls", ESA 1999, a step for all groups at a time.)
 """
 
 from __future__ import annotations
@@ -55,8 +55,8 @@ def _next_ball(
     basis: np.ndarray, entering: np.ndarray, before: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The smallest balls around ``basis`` (g, 4, 3; NaN where empty) and ``entering`` (g, 3), which lies on them:
-    centres, squared radii and the points that span them. Where rounding leaves no such ball, the centre ``before`` and an
-    infinite radius: that group is done."""
+    centres, squared radii and the points that span them. Where rounding leaves no such ball, the centre ``before``
+    and an infinite radius: that group is done."""
     g = len(basis)
     points = np.concatenate([basis, entering[:, None]], axis=1)
     present = ~np.isnan(points[:, :, 0])

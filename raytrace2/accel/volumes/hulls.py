@@ -18,7 +18,8 @@ _ON_SPHERE = np.concatenate(
 
 @dataclass(frozen=True, eq=False)
 class Hulls:
-    """``points`` (n, 3) float64 with ``radii`` (n,) or None for zero, those of group k from ``starts[k]`` up to the next.
+    """``points`` (n, 3) float64 with ``radii`` (n,) or None for zero, those of group k from ``starts[k]`` up to the
+    next.
 
     Every group has a point. Triangles give their vertices, spheres their centres, others the corners of their boxes.
     """

@@ -1,7 +1,7 @@
 """Boxes turned to fit: tight around slanted and thin things, the dearest to test.
 
-Words: three unit axes (rows), centre, half extents along the axes, and the sum of the extents of the box along the world's
-axes (the reach from the centre).
+Words: three unit axes (rows), centre, half extents along the axes, and the sum of the extents of the box along the
+world's axes (the reach from the centre).
 """
 
 from __future__ import annotations

@@ -28,7 +28,8 @@ def fit_sphere(hulls: Hulls, types: Types) -> np.ndarray:
 
 
 def _prepare(ray: Any, types: Types) -> VolumeRay:
-    """The direction scaled to a largest component of 1, so that no square overflows; ``inverse`` is that of its squared norm."""
+    """The direction scaled to a largest component of 1, so that no square overflows; ``inverse`` is that of its
+    squared norm."""
     size = abs(ray.d)
     scale = dr.fmax(dr.fmax(size.x, size.y), size.z)
     d = ray.d / scale

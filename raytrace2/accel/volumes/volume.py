@@ -12,9 +12,10 @@ import numpy as np
 from ...types import Types, types_of
 from .hulls import Hulls
 
-#: In units of the round-off, what the rounding of a volume test (fewer than 16), of a primitive test (fewer than 10) and the
-#: clamping of a direction (1) add up to, relative to the *reach*: the sum over the world's axes of the distances from the
-#: ray's origin to the far side of the volume. Every volume is widened by as much before it is tested.
+#: In units of the round-off, what the rounding of a volume test (fewer than 16), of a primitive test (fewer than 10)
+#: and the clamping of a direction (1) add up to, relative to the *reach*: the sum over the world's axes of the
+#: distances from the ray's origin to the far side of the volume. Every volume is widened by as much before it is
+#: tested.
 ERROR = 32
 
 
@@ -38,10 +39,10 @@ class VolumeRay:
 class Volume:
     """One shape of bounding volume.
 
-    ``fit(hulls, types)`` gives the ``words`` (groups, width), in the working precision, of a volume around each group, whatever
-    the rounding; ``meets(words, ray, tmax)`` tells, inside a symbolic loop, whether each ray may meet anything in the
-    volume of those words between its tmin and ``tmax``; ``areas(words)`` gives surface areas (groups,).
-    ``prepare(ray, types)`` makes the :class:`VolumeRay`.
+    ``fit(hulls, types)`` gives the ``words`` (groups, width), in the working precision, of a volume around each
+    group, whatever the rounding; ``meets(words, ray, tmax)`` tells, inside a symbolic loop, whether each ray may meet
+    anything in the volume of those words between its tmin and ``tmax``; ``areas(words)`` gives surface areas
+    (groups,). ``prepare(ray, types)`` makes the :class:`VolumeRay`.
     """
 
     width: int
@@ -71,7 +72,8 @@ def relative_error(ray: VolumeRay) -> float:
 
 
 def round_up(values: np.ndarray, types: Types) -> np.ndarray:
-    """``values`` (not negative) in the working precision, with room for what their own computation in float64 rounded."""
+    """``values`` (not negative) in the working precision, with room for what their own computation in float64
+    rounded."""
     widened = np.asarray(values * (1 + 64 * 2.0**-53)).astype(types.numpy)
     infinity = np.asarray(np.inf, dtype=types.numpy)
     return np.nextafter(widened, infinity)
