@@ -8,7 +8,7 @@ _settle_libllvm()  # before anything imports drjit, which binds a libLLVM for go
 
 from . import accel  # noqa: E402
 from .compare import compare  # noqa: E402
-from .errors import EnvironmentProblem, FileError, GeometryError, RayTraceError, SceneError  # noqa: E402
+from .errors import EnvironmentProblem, FileError, GeometryError, RayTraceError, SceneError, SettingError  # noqa: E402
 from .load import load_dict, load_file, load_string  # noqa: E402
 from .notebook import show_images_in_notebooks as _show_images_in_notebooks  # noqa: E402
 from .rays.ray import Ray  # noqa: E402
@@ -37,6 +37,7 @@ __all__ = [
     "RenderInterrupted",
     "Scene",
     "SceneError",
+    "SettingError",
     "Sphere",
     "Surface",
     "SurfaceInteraction",

@@ -54,5 +54,9 @@ class GeometryError(RayTraceError, ValueError):
     """Geometry that no structure can hold: indices out of range, NaN or infinite coordinates, wrong shapes."""
 
 
+class SettingError(RayTraceError, ValueError):
+    """A setting (a structure, one of its options, a filter) that does not exist or has no such value."""
+
+
 class EnvironmentProblem(RayTraceError, RuntimeError):
     """This machine lacks something that is needed (libLLVM, a browser); the message says how to get it."""

@@ -11,7 +11,7 @@ from typing import Any
 
 import drjit as dr
 
-from .errors import RayTraceError
+from .errors import SettingError
 from .film import Film
 from .integrators.aov import aov, channel_names, needs_offset_rays
 from .integrators.direct import direct
@@ -111,6 +111,10 @@ def render_detailed(
     camera_settings = choose_camera(scene, sensor, size)
     settings = choose_integrator(scene, integrator)
     begin = time.perf_counter()
+    if precision not in ("float32", "float64"):
+        raise SettingError(f"precision must be 'float32' or 'float64', not {precision!r}")
+    if spp < 0:
+        raise SettingError(f"spp must be positive, or 0 for the scene's own, not {spp}")
     traced = scene.traced(accel, precision, filter)
     if settings.kind != "aov" or settings.nested is not None or any(kind == "albedo" for _, kind in settings.aovs):
         traced.prepare_shading()
@@ -158,13 +162,13 @@ def choose_camera(scene: Scene, sensor: int, size: tuple[int, int] | None) -> Ca
     """The description of camera ``sensor``, its film resized if ``size`` is given (a crop window scales along)."""
     cameras = scene.description.cameras
     if not 0 <= sensor < len(cameras):
-        raise RayTraceError(f"sensor {sensor} does not exist: the scene has {len(cameras)}")
+        raise SettingError(f"sensor {sensor} does not exist: the scene has {len(cameras)}")
     camera = cameras[sensor]
     if size is None:
         return camera
     width, height = size
     if width < 1 or height < 1:
-        raise RayTraceError(f"the film needs at least one pixel, not {width} x {height}")
+        raise SettingError(f"the film needs at least one pixel, not {width} x {height}")
     film = camera.film
     sx, sy = width / film.width, height / film.height
     left, top = round(film.crop_offset_x * sx), round(film.crop_offset_y * sy)
@@ -186,7 +190,7 @@ def choose_integrator(scene: Scene, integrator: Integrator | str | None) -> Inte
         return scene.description.integrator
     if isinstance(integrator, str):
         if integrator not in _RADIANCE:
-            raise RayTraceError(
+            raise SettingError(
                 f"unknown integrator {integrator!r}: there are {', '.join(_RADIANCE)} (aov needs settings)"
             )
         return Integrator(kind=integrator)  # type: ignore[arg-type]

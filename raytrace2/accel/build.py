@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from ..errors import SettingError
 from ..surfaces.geometry import Geometry
 from ..surfaces.scan import Scan
 from ..surfaces.structure import Structure
@@ -42,28 +44,39 @@ def build(
     """A structure of ``kind`` over a Surface or a list of them, structures included: it is a Surface itself.
 
     ``kind`` may carry options after a colon, as on the command line: ``"bvh:max_leaf_size=2"``. ``options`` are the
-    fields of the kind's config. ``ValueError`` and ``TypeError`` tell of unknown kinds and options.
+    fields of the kind's config. :class:`~raytrace2.SettingError` (a ``ValueError``) tells of kinds, options and values
+    that do not exist.
     """
     name, written = parse_kind(kind)
     items = [surfaces] if isinstance(surfaces, Surface) else list(surfaces)
     for item in items:
         if not isinstance(item, Surface):
             raise TypeError(f"build takes Surfaces, not {type(item).__name__}")
-    return _KINDS[name](Geometry(items, types(precision)), **{**written, **options})
+    geometry = Geometry(items, types(precision))
+    try:
+        return _KINDS[name](geometry, **{**written, **options})
+    except (TypeError, ValueError) as error:
+        raise SettingError(f"{name}: {_plainly(error)}") from error
 
 
 def parse_kind(text: str) -> tuple[str, dict[str, Any]]:
     """``"bvh:max_leaf_size=2,node_cost=1.5"`` as a name and options; numbers become numbers."""
     name, _, rest = text.partition(":")
     if name not in _KINDS:
-        raise ValueError(f"unknown acceleration structure {name!r}; there are {', '.join(_KINDS)}")
+        raise SettingError(f"unknown acceleration structure {name!r}; there are {', '.join(_KINDS)}")
     options: dict[str, Any] = {}
     for item in filter(None, rest.split(",")):
         key, equals, value = item.partition("=")
         if not equals:
-            raise ValueError(f"{item!r} in {text!r} should read option=value")
+            raise SettingError(f"{item!r} in {text!r} should read option=value")
         options[key.strip()] = _number(value.strip())
     return name, options
+
+
+def _plainly(error: Exception) -> str:
+    """What a config says of an option that it does not have, in the user's words."""
+    found = re.search(r"unexpected keyword argument '(\w+)'", str(error))
+    return f"there is no option {found[1]!r}" if found else str(error)
 
 
 def _number(text: str) -> Any:

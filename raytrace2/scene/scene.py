@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..accel.build import build
-from ..errors import GeometryError, Problem, RayTraceError, SceneError
+from ..errors import GeometryError, Problem, SceneError, SettingError
 from ..surfaces.hit import Hit
 from ..surfaces.instance import Instance
 from ..surfaces.interaction import SurfaceInteraction
@@ -54,7 +54,7 @@ class Scene:
         ``filter_type`` takes the place of every bitmap's own if given.
         """
         if filter_type not in (None, "nearest", "bilinear"):
-            raise RayTraceError(f"unknown filter {filter_type!r}: there are nearest and bilinear")
+            raise SettingError(f"unknown filter {filter_type!r}: there are nearest and bilinear")
         key = (accel or self.accel, precision)
         if key not in self._structures:
             self._structures[key] = self._build(*key)
