@@ -69,7 +69,7 @@ def closest(device: DeviceVolumes, ray: LocalRay, best: Candidate, active: Any) 
     ready, volume_ray = device.primitives.prepare(ray), device.volume.prepare(ray, device.types)
 
     def pick(notes: Notes, best: Candidate) -> tuple[Notes, Candidate]:
-        return _next_group(device, volume_ray, notes, best.t), best
+        return _next_group(device, volume_ray, notes, best.t), best.counted(volumes=1)
 
     def test(notes: Notes, best: Candidate) -> tuple[Notes, Candidate]:
         best = device.primitives.intersect_one(notes.i, ready, best)
@@ -81,11 +81,12 @@ def closest(device: DeviceVolumes, ray: LocalRay, best: Candidate, active: Any) 
         return dr.if_stmt((notes, best), notes.i < notes.end, test, lambda *s: s)
 
     def chapter(base: Any, end: Any, best: Candidate) -> tuple[Any, Any, Candidate]:
-        base, notes = _read_chapter(device, volume_ray, base, end, best.t)
+        after, notes = _read_chapter(device, volume_ray, base, end, best.t)
+        best = best.counted(volumes=after - base)
         _, best = dr.while_loop(
             (notes, best), lambda notes, _: _unfinished(notes), turn, label="bounding volumes primitives"
         )
-        return base, end, best
+        return after, end, best
 
     zero = dr.zeros(device.types.UInt, dr.width(best.t))
     state = (zero, dr.select(active, device.count, 0) + zero, best)
@@ -128,7 +129,8 @@ def _read_chapter(device: DeviceVolumes, ray: VolumeRay, base: Any, end: Any, tm
     """The first volume after the chapter that begins at ``base``, and notes on the volumes in it that each ray
     meets."""
     UInt, width = device.types.UInt, dr.width(base)
-    stop = dr.fmin(base + BLOCK * CHAPTER, end)
+    stop = base + BLOCK * CHAPTER
+    stop = dr.select(stop < end, stop, end)
 
     def read(base: Any, stop: Any, blocks: Any, size: Any) -> tuple[Any, ...]:
         mask = _met(device, ray, base, tmax)
@@ -142,7 +144,7 @@ def _read_chapter(device: DeviceVolumes, ray: VolumeRay, base: Any, end: Any, tm
         state, lambda base, stop, *_: base < stop, read, label="bounding volumes chapter"
     )
     zero = dr.zeros(UInt, width)
-    return base, Notes(blocks, size, zero, zero + 0, zero + 0, zero + 0)
+    return dr.select(base < end, base, end), Notes(blocks, size, zero, zero + 0, zero + 0, zero + 0)
 
 
 def _unfinished(notes: Notes) -> Any:

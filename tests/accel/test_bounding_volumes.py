@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from raytrace2 import accel
+from raytrace2.accel.volume_groups import halved
 from raytrace2.rays.ray import Ray
 from raytrace2.surfaces.mesh import TriangleMesh
 from raytrace2.surfaces.quadrics import Disk, Sphere
@@ -149,3 +150,25 @@ def test_tighter_shapes_promise_fewer_tests_where_things_are_slanted():
     assert tests[2] < tests[1] / 3 < tests[0] / 4
     ray = Ray(np.tile([[5.0, 5.0, -20.0]], (200, 1)), rng.normal(size=(200, 3)) + [0, 0, 5])
     assert_same([mesh], ray, "float32", *kinds("group_size=16"))
+
+
+def test_counts_are_those_of_the_list():
+    mesh = cases.icosphere(2)
+    ray = cases.rays(np.random.default_rng(6), mesh.vertices, 2_000, "float32")
+    everything = Ray(ray.o, ray.d, dr.full(type(ray.tmin), 0, len(ray)), dr.full(type(ray.tmin), np.inf, len(ray)))
+    structure = accel.build(mesh, "bounding_volumes", group_size=8)
+    hit, counts = structure.count(everything)
+    real = (ray.d.numpy() != 0).any(axis=0)
+    listed, tested = (c.numpy().astype(int)[real] for c in (counts.volumes, counts.primitives))
+    assert (counts.volumes.numpy()[~real] == 0).all()
+    volumes = structure.statistics()["volumes"]
+    # Those that were met are asked once more when their turn has come.
+    assert (listed >= volumes).all() and (listed <= 2 * volumes).all() and (counts.nodes.numpy() == 0).all()
+    sizes = np.diff(halved(*_bounds(mesh), 8)[-1].firsts)
+    again = listed - volumes
+    assert (tested >= np.where(hit.valid.numpy()[real], sizes.min(), 0)).all() and (tested <= again * sizes.max()).all()
+
+
+def _bounds(mesh: TriangleMesh) -> tuple[np.ndarray, np.ndarray]:
+    corners = mesh.vertices[mesh.faces]
+    return corners.min(axis=1), corners.max(axis=1)
