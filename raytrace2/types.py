@@ -40,6 +40,7 @@ class Types:
     Bool: Any = ad.Bool
     Array2u: Any = ad.Array2u
     Array3u: Any = ad.Array3u
+    Array4u: Any = ad.Array4u
     Array2i: Any = ad.Array2i
     PCG32: Any = ad.PCG32
 

@@ -39,6 +39,9 @@ class Shading:
             self._upload_meshes(surfaces)
         if self.quadric_kinds:
             self._upload_quadrics(surfaces)
+        # Hits come from users too: an index that is not there is a miss, not a read past the end of a buffer.
+        self.surface_count = dr.opaque(types.UInt, len(surfaces))
+        self.instance_count = dr.opaque(types.UInt, len(instances))
         self.has_instances = bool(instances)
         if instances:
             rows = [np.concatenate([_rows(i.to_world), _rows(np.linalg.inv(i.to_world))]) for i in instances]
@@ -64,6 +67,7 @@ class Shading:
             vertex_count += n
         UInt, Float = self.types.UInt, self.types.Float
         self.first_face = owned(np.array(first_face, dtype=np.uint32), UInt)
+        self.face_count = dr.opaque(UInt, face_count)
         self.many_surfaces = len(surfaces) > 1
         self.faces = owned(np.concatenate(faces), UInt)
         self.vertices = owned(np.concatenate(vertices), Float)
@@ -85,8 +89,8 @@ class Shading:
     def interact(self, ray: Any, hit: Hit) -> SurfaceInteraction:
         """The interaction of each ray with what it met; lanes that missed hold zeros and t = inf."""
         types = self.types
-        valid = hit.valid
-        instanced = valid & (hit.instance != record.NONE) if self.has_instances else None
+        valid = hit.surface < self.surface_count
+        instanced = valid & (hit.instance < self.instance_count) if self.has_instances else None
         if self.has_instances:
             to_world, to_local = self._instance_maps(hit, instanced)
             o, d = to_local.point(ray.o), to_local.vector(ray.d)
@@ -147,7 +151,8 @@ class Shading:
         face = hit.prim
         if self.many_surfaces:
             face = face + dr.gather(types.UInt, self.first_face, hit.surface, active)
-        i0, i1, i2, flags = (dr.gather(types.UInt, self.faces, face * 4 + k, active) for k in range(4))
+        active &= face < self.face_count
+        i0, i1, i2, flags = dr.gather(types.Array4u, self.faces, face, active)
 
         def corner(buffer: Any, index: Any) -> Any:
             q = dr.gather(types.Array4f, buffer, index, active)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import surface_cases as cases
 
+import raytrace2 as rt
 from raytrace2 import accel
 from raytrace2.rays.ray import Ray
 from raytrace2.surfaces.instance import Instance
@@ -158,3 +159,14 @@ def test_interact_without_derivatives_costs_no_more():
         return dr.detach(s.interact(r, s.intersect(r)))
 
     assert plain <= operations(sphere, attached)
+
+
+def test_hits_that_were_made_up_crash_nothing() -> None:
+    mesh = rt.TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    scene = rt.accel.build([mesh, rt.Sphere(), rt.Instance(rt.accel.build(rt.Disk()))])
+    ray = rt.Ray([[0, 0, -2]] * 4, [[0, 0, 1]] * 4)
+    hit = scene.intersect(ray)
+    hit.surface = type(hit.surface)([0, 1, 7, 2**31])
+    hit.prim = type(hit.prim)([2**30, 5, 0, 0xFFFFFFFF])
+    hit.instance = type(hit.instance)([2**31, 3, 0, 9])
+    assert np.array(scene.interact(ray, hit).valid).tolist() == [True, True, False, False]
