@@ -16,7 +16,7 @@ def direct(scene: TracedScene, settings: Integrator, sampler: Any, ray: Ray, act
     """Radiance (Array3f) along each ray of light that scatters at most once.
 
     ``settings.emitter_samples`` and ``settings.bsdf_samples`` rays are traced from each point, in symbolic loops; the
-    sampler's numbers are drawn in Mitsuba's order.
+    sampler's numbers are drawn in Mitsuba's order, but none for what is not in the kernel.
     """
     t = scene.types
     structure, materials, lights = scene.structure, scene.materials, scene.lights

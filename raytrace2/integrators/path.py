@@ -34,8 +34,8 @@ def path(scene: TracedScene, settings: Integrator, sampler: Any, ray: Ray, activ
     """Radiance (Array3f) along each ray.
 
     ``settings.max_depth`` counts as in Mitsuba: 1 shows emitters only, 2 direct light, -1 has no bound. The sampler's
-    numbers are drawn in Mitsuba's order. Only what the scene has (emitters met by rays, smooth materials) is in the
-    kernel.
+    numbers are drawn in Mitsuba's order, but none for what is not in the kernel: only what the scene has (emitters met
+    by rays, smooth materials) is.
     """
     t = scene.types
     width = len(ray)
