@@ -34,7 +34,7 @@ LAYERS = (
     ("reconstruction", "film"),
     ("integrators",),
     ("render",),
-    ("load", "provenance", "notebook"),
+    ("load", "provenance", "notebook", "structure_pictures"),
     ("reference",),
     ("compare",),
     ("tradeoff",),
