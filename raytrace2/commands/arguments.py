@@ -6,9 +6,9 @@ import argparse
 from typing import Any
 
 
-def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
+def add_scene_arguments(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:
     """The scene file and the values of its parameters."""
-    parser.add_argument("scene", metavar="SCENE", help="a Mitsuba XML file")
+    parser.add_argument("scene", metavar="SCENE", nargs="?" if optional else None, help="a Mitsuba XML file")
     parser.add_argument(
         "-D",
         dest="parameters",
@@ -27,7 +27,7 @@ def add_render_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--accel", help="acceleration structure, such as bvh or bvh:max_leaf_size=2")
     parser.add_argument("--filter", help="nearest or bilinear, in place of every bitmap's own")
     parser.add_argument("--precision", default="float32", choices=("float32", "float64"))
-    parser.add_argument("--size", type=_size, metavar="WIDTHxHEIGHT", help="in place of the film's")
+    parser.add_argument("--size", type=size_argument, metavar="WIDTHxHEIGHT", help="in place of the film's")
 
 
 def load_scene(args: argparse.Namespace) -> Any:
@@ -50,7 +50,8 @@ def render_options(args: argparse.Namespace) -> dict[str, Any]:
     return {name: getattr(args, name) for name in names}
 
 
-def _size(text: str) -> tuple[int, int]:
+def size_argument(text: str) -> tuple[int, int]:
+    """``WIDTHxHEIGHT`` as a pair, for argparse."""
     width, _, height = text.lower().partition("x")
     try:
         size = int(width), int(height)

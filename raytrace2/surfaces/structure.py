@@ -48,6 +48,11 @@ class Structure(Surface):
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return self.geometry.bounds()
 
+    def level_bounds(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """The boxes (n, 3), (n, 3) that a picture of the structure shows, level by level, the whole first."""
+        lo, hi = self.bounds()
+        return [(lo[None], hi[None])] if np.isfinite(lo).all() else []
+
     def traverse(self, ray: LocalRay, best: Candidate, root: Any, active: Any) -> Candidate:
         """The closest hit of each active ray no farther than ``best.t``; ``best`` where there is none."""
         raise NotImplementedError
