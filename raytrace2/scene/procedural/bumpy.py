@@ -1,15 +1,16 @@
-"""Meshes made by formula, the same for the same arguments on every machine."""
+"""A closed body without symmetry, evenly tessellated: the plainest of meshes."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from ..surfaces.mesh import TriangleMesh
+from ...surfaces.mesh import TriangleMesh
+from .scene import ProceduralScene, View
 
 
 def bumpy_sphere(triangles: int, *, bumps: float = 0.25, seed: int = 0) -> TriangleMesh:
-    """A closed star-shaped body of about ``triangles`` triangles: a unit sphere whose radius is modulated by waves of up to
-    ``bumps`` in all, with smooth normals left out."""
+    """A closed star-shaped body of about ``triangles`` triangles: a unit sphere whose radius is modulated by waves of
+    up to ``bumps`` in all, with smooth normals left out."""
     rows = max(3, round((triangles / 4) ** 0.5))
     columns = 2 * rows
     theta = np.linspace(0, np.pi, rows + 1)[1:-1]
@@ -36,19 +37,7 @@ def bumpy_sphere(triangles: int, *, bumps: float = 0.25, seed: int = 0) -> Trian
     return TriangleMesh(directions * (1 + bumps * heights)[:, None], faces, name="bumpy sphere")
 
 
-def terrain(triangles: int, *, roughness: float = 0.5, seed: int = 0) -> TriangleMesh:
-    """A height field over [-1, 1]^2 of about ``triangles`` triangles: a sum of waves and a jitter of every vertex."""
-    side = max(1, round((triangles / 2) ** 0.5))
-    rng = np.random.default_rng(seed)
-    axis = np.linspace(-1, 1, side + 1)
-    y, x = np.meshgrid(axis, axis, indexing="ij")
-    height = np.zeros_like(x)
-    for octave in range(7):
-        kx, ky = rng.normal(size=2) * 2.0**octave
-        height += np.sin(kx * x + ky * y + rng.uniform(0, 2 * np.pi)) * roughness**octave * 0.2
-    jitter = rng.uniform(-0.3, 0.3, size=(*x.shape, 3)) * (2 / side)
-    vertices = np.stack([x, y, height], axis=-1) + jitter
-    index = np.arange((side + 1) ** 2).reshape(side + 1, side + 1)
-    a, b, c, d = index[:-1, :-1].ravel(), index[:-1, 1:].ravel(), index[1:, 1:].ravel(), index[1:, :-1].ravel()
-    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
-    return TriangleMesh(vertices.reshape(-1, 3), faces, name="terrain")
+def bumpy_sphere_scene(size: int, seed: int = 0) -> ProceduralScene:
+    """The :func:`bumpy_sphere` of about ``size`` triangles."""
+    view = View(eye=(2.4, -2.2, 1.4), target=(0.0, 0.0, 0.0), x_fov=50.0)
+    return ProceduralScene("bumpy_sphere", (bumpy_sphere(size, seed=seed),), view)
