@@ -14,6 +14,8 @@ from ..surfaces.surface import Surface
 from ..types import types
 from .bounding_volumes import BoundingVolumes, BoundingVolumesConfig
 from .bvh import Bvh, BvhConfig
+from .grid import Grid, GridConfig
+from .hierarchical_grid import HierarchicalGrid, HierarchicalGridConfig
 
 
 def _brute_force(geometry: Geometry, **options: Any) -> Structure:
@@ -30,7 +32,21 @@ def _bvh(geometry: Geometry, **options: Any) -> Structure:
     return Bvh(geometry, BvhConfig(**options))
 
 
-_KINDS: dict[str, Callable[..., Structure]] = {"brute_force": _brute_force, "bounding_volumes": _bounding_volumes, "bvh": _bvh}
+def _grid(geometry: Geometry, **options: Any) -> Structure:
+    return Grid(geometry, GridConfig(**options))
+
+
+def _hierarchical_grid(geometry: Geometry, **options: Any) -> Structure:
+    return HierarchicalGrid(geometry, HierarchicalGridConfig(**options))
+
+
+_KINDS: dict[str, Callable[..., Structure]] = {
+    "brute_force": _brute_force,
+    "bounding_volumes": _bounding_volumes,
+    "bvh": _bvh,
+    "grid": _grid,
+    "hierarchical_grid": _hierarchical_grid,
+}
 
 
 def names() -> tuple[str, ...]:

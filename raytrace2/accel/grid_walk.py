@@ -1,0 +1,213 @@
+"""The walk of rays through grids in one symbolic loop: a step or a primitive of each ray a turn.
+
+From cell to cell as in Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing" (Eurographics 1987), across
+the wall that is met first; in empty space several cells at once. A ray stops when its hit lies before the wall: every
+primitive whose hit lies there has been listed in a cell that it came through (:mod:`.grid_frame` says why rounding does
+not matter).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+
+from ..surfaces.hit import Candidate
+from ..surfaces.ordered import greater, lesser
+from ..surfaces.primitives import DevicePrimitives, LocalRay
+from ..types import Types
+from .grid_beam import first_slice, next_cell
+from .grid_cells import FULL, INNER, LAST, NUMBER
+from .grid_frame import ERROR, Frame, WalkRay, frame_of, unpack_place, walk_ray
+from .grid_overlap import PLANE_ERROR
+
+#: States of a ray that is not at an entry of a list: on its way to the next cell, on entering a grid, finished.
+STEP, READ, DONE = 0x7FFFFFFD, 0x7FFFFFFE, 0x7FFFFFFF
+#: A beam wider than the sum of the outermost grid's sides by this is as good as wide as everything.
+WIDE = 8
+
+
+@dataclass(frozen=True, eq=False)
+class DeviceGrids:
+    """Grids on the device: their words, those of their cells, lists, after which all primitives are listed from ``all`` on, primitives, the map to their coordinates, the sum
+    ``size`` of the outermost's sides in these, how far ``near`` origins may be, the largest ``tilt`` that kept a triangle
+    out of a cell, and whether grids are ``nested`` in cells."""
+
+    types: Types
+    lattices: Any
+    words: Any
+    lists: Any
+    all: Any
+    primitives: DevicePrimitives
+    origin: Any
+    scale: Any
+    size: Any
+    near: Any
+    tilt: Any
+    nested: bool
+
+
+@dataclass
+class _Walk:
+    """What stays the same for a ray all along."""
+
+    grids: DeviceGrids
+    ray: WalkRay
+    root: Frame
+    far: Any
+    radius: Any
+    leaves: Any
+
+    def frame(self, grid: Any) -> Frame:
+        return frame_of(self.ray, self.grids.lattices, grid, self.grids.types) if self.grids.nested else self.root
+
+
+def closest(grids: DeviceGrids, ray: LocalRay, best: Candidate, active: Any) -> Candidate:
+    """The closest hit no farther than ``best.t``."""
+    ready = grids.primitives.prepare(ray)
+
+    def test(i: Any, at: Any, best: Candidate) -> tuple[Any, Candidate]:
+        return at, grids.primitives.intersect_one(i, ready, best)
+
+    return _walk(grids, ray, active, best, test, lambda best: best.t, "grid closest")
+
+
+def anything(grids: DeviceGrids, ray: LocalRay, width: int, active: Any) -> Any:
+    """Bool: whether each ray meets anything between its tmin and tmax."""
+    ready = grids.primitives.prepare(ray)
+
+    def test(i: Any, at: Any, blocked: Any) -> tuple[Any, Any]:
+        hit = grids.primitives.occludes_one(i, ready)
+        return dr.select(hit, DONE, at), blocked | hit
+
+    start = dr.full(grids.types.Bool, False, width)
+    return _walk(grids, ray, active, start, test, lambda _: ray.tmax, "grid anything")
+
+
+def _walk(
+    grids: DeviceGrids,
+    ray: LocalRay,
+    active: Any,
+    found: Any,
+    test: Callable[[Any, Any, Any], tuple[Any, Any]],
+    farthest: Callable[[Any], Any],
+    label: str,
+) -> Any:
+    """The loop. ``found`` is carried along; ``test(i, at, found)`` meets primitive i; beyond ``farthest(found)`` no
+    hit matters."""
+    types = grids.types
+    walk, begin, enters = _start(grids, ray, farthest(found), active)
+    zero = dr.zeros(types.Float, dr.width((enters, found)))
+    # A beam that is as wide as everything meets each primitive once rather than in each of its cells.
+    scans = ~(walk.radius * WIDE <= grids.size)
+    at = dr.select(enters, dr.select(scans, grids.all, READ), DONE) + types.UInt(zero)
+    after_list = dr.select(scans, types.UInt(DONE), STEP)
+    # An outermost grid that is the only one is entered here, once; inner ones on the way, at the time that is carried.
+    place = [zero + 0 if grids.nested else p + zero for p in walk.root.cell_at(begin)]
+    inner = (types.UInt(zero), begin + zero) if grids.nested else ()
+
+    def step(at: Any, place: list[Any], clear: Any, inner: tuple[Any, ...], found: Any) -> tuple[Any, ...]:
+        return _step(walk, walk.ray.time(farthest(found)), at, place, clear, inner)
+
+    def meet(at: Any, found: Any) -> tuple[Any, Any]:
+        entry = dr.gather(types.UInt, grids.lists, at)
+        after = dr.select((entry & LAST) != 0, after_list, at + 1)
+        return test(entry & ~types.UInt(LAST), after, found)
+
+    def turn(at: Any, place: list[Any], clear: Any, inner: tuple[Any, ...], found: Any) -> tuple[Any, ...]:
+        state = (at, place, clear, inner, found)
+        walks = (at == STEP) | (at == READ)
+        at, place, clear, inner = dr.if_stmt(state, walks, step, lambda *s: s[:4])
+        at, found = dr.if_stmt((at, found), at < STEP, meet, lambda *s: s)
+        return at, place, clear, inner, found
+
+    state = (at, place, zero + 0, inner, found)
+    labels = ("at", "place", "clear", "inner", "found")
+    return dr.while_loop(state, lambda at, *_: at != DONE, turn, labels=labels, label=label)[-1]
+
+
+def _start(grids: DeviceGrids, ray: LocalRay, farthest: Any, active: Any) -> tuple[_Walk, Any, Any]:
+    """What is known of each ray, when it enters the outermost grid, and whether it does."""
+    types = grids.types
+    walker = walk_ray(ray, grids.origin, grids.scale, types)
+    reach = abs(walker.o.x) + abs(walker.o.y) + abs(walker.o.z) + grids.size
+    unit = reach * types.epsilon
+    radius = unit * (ERROR + PLANE_ERROR + PLANE_ERROR * grids.tilt)
+    root = frame_of(walker, grids.lattices, dr.zeros(types.UInt, 1), types)
+    far_end = [dr.select(walker.negative[k], 0, root.cells[k]) for k in range(3)]
+    error = [ERROR * unit * abs(walker.inverse[k]) for k in range(3)]
+    enter = [root.crossing(k, root.cells[k] - far_end[k]) - error[k] for k in range(3)]
+    leave = [root.crossing(k, far_end[k]) for k in range(3)]
+    leaves = lesser(lesser(leave[0], leave[1]), leave[2])
+    slack = [leave[k] + error[k] for k in range(3)]
+    begin = greater(greater(enter[0], enter[1]), greater(enter[2], walker.start))
+    end = lesser(lesser(slack[0], slack[1]), lesser(slack[2], walker.time(farthest)))
+    return _Walk(grids, walker, root, ~(reach <= grids.near), radius, leaves), begin, (begin <= end) & active
+
+
+def _step(
+    walk: _Walk, limit: Any, at: Any, place: list[Any], clear: Any, inner: tuple[Any, ...]
+) -> tuple[Any, ...]:
+    """On to the next cell: the entry of its list, the grid in it, or how far around it all is empty."""
+    grids = walk.grids
+    types = grids.types
+    frame = walk.frame(inner[0]) if inner else walk.root
+    reads = at == READ
+    time = inner[1] if inner else None
+
+    def near(place: list[Any], time: Any) -> tuple[Any, ...]:
+        entry = frame.cell_at(time) if inner else place
+        further, time_out, leaves = _cross(walk, frame, place, clear)
+        place = [dr.select(reads, a, b) for a, b in zip(entry, further, strict=True)]
+        done = ~reads & (time_out >= limit)
+        left = ~reads & (time_out >= leaves)
+        time = dr.select(reads, time, time_out) if inner else None
+        return place, time, ~(done | left), left, done
+
+    def beyond(place: list[Any], time: Any) -> tuple[Any, ...]:
+        before = first_slice(walk.ray, frame)
+        place = [dr.select(reads, a, b) for a, b in zip(before, place, strict=True)]
+        place, is_cell, left = next_cell(walk.ray, frame, walk.radius, place, limit)
+        return place, time, is_cell, left, types.Bool(False) & left
+
+    place, time, is_cell, left, done = dr.if_stmt((place, time), walk.far, beyond, near)
+    cell = frame.first + types.UInt(dr.fma(dr.fma(place[0], frame.cells[1], place[1]), frame.cells[2], place[2]))
+    word = dr.gather(types.UInt, grids.words, cell, is_cell)
+    full = is_cell & ((word & FULL) != 0)
+    at = dr.select(full, word & NUMBER, STEP)
+    if not inner:
+        return dr.select(left | done, DONE, at), place, types.Float(dr.select(full, 0, word)), ()
+    enters = is_cell & ~full & ((word & INNER) != 0)
+    grid = dr.select(enters, word & NUMBER, inner[0])
+    up = left & (grid != 0)
+    place = [dr.select(up, a, b) for a, b in zip(unpack_place(frame.place, types), place, strict=True)]
+    grid = dr.select(up, frame.parent, grid)
+    at = dr.select(enters, READ, dr.select(done | (left & ~up), DONE, at))
+    clear = types.Float(dr.select(full | enters | up, 0, word))
+    return at, place, clear, (grid, time)
+
+
+def _cross(walk: _Walk, frame: Frame, place: list[Any], clear: Any) -> tuple[list[Any], Any, Any]:
+    """The cell beyond the wall that a ray at ``place`` meets first, when it does, and when it leaves the grid. As cells
+    up to ``clear`` away are empty, the wall is that of the block that they make."""
+    negative = walk.ray.negative
+    walls = [place[k] + dr.select(negative[k], -clear, clear + 1) for k in range(3)]
+    times = [frame.crossing(k, walls[k]) for k in range(3)]
+    time = lesser(lesser(times[0], times[1]), times[2])
+    found = []
+    for k in range(3):
+        beyond = dr.select(negative[k], walls[k] - 1, walls[k])
+        # Never back, so that rounding cannot send a ray round and round.
+        low, high = dr.select(negative[k], walls[k], place[k]), dr.select(negative[k], place[k], walls[k] - 1)
+        beside = lesser(greater(dr.floor(frame.position(k, time)), low), high)
+        found.append(dr.select(times[k] == time, beyond, beside))
+    leaves = walk.leaves
+    if walk.grids.nested:
+        ends = [frame.crossing(k, dr.select(negative[k], 0, frame.cells[k])) for k in range(3)]
+        leaves = lesser(lesser(ends[0], ends[1]), ends[2])
+    return found, time, leaves
+
+
+__all__ = ["DeviceGrids", "anything", "closest"]
