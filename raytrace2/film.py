@@ -88,7 +88,8 @@ class Film:
         finite = t.Bool(True)
         for value in values:
             finite &= dr.isfinite(value)
-        dr.scatter_add(self._bad, t.UInt(1), pixel, ~finite & active)
+        # Straight to memory: a copy per thread would put the film's size into the kernel.
+        dr.scatter_add(self._bad, t.UInt(1), pixel, ~finite & active, mode=dr.ReduceMode.Direct)
         active = finite & active
         values = [dr.select(active, value, 0) for value in (*values, t.Float(1))]
         if not dr.grad_enabled(values):

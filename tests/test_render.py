@@ -243,7 +243,6 @@ def test_values_do_not_recompile_the_kernel() -> None:
     assert largest_kernel(plain(), seed=5)[0] == wanted
 
 
-@pytest.mark.xfail(strict=True, reason="counting samples that are not finite puts the number of pixels into the kernel")
 def test_the_size_of_the_film_does_not_recompile_the_kernel() -> None:
     assert largest_kernel(plain(sensor=camera((20, 12))))[0] == largest_kernel(plain())[0]
 

@@ -36,16 +36,14 @@ class SphereLights:
             linear = shape.to_world[:3, :3]
             radius = float(np.linalg.norm(linear[:, 0]))
             rows[i, 0] = *shape.to_world[:3, 3], radius
-            # A mirrored sphere is turned inside out, as in Mitsuba.
-            rows[i, 1, 0] = -1.0 if (np.linalg.det(linear) < 0) != shape.flip_normals else 1.0
+            rows[i, 1, 0] = -1.0 if shape.flip_normals else 1.0
             rotations[i, :, :3] = linear.T / (radius or 1.0)
         return SphereLights(types, pack(rows, types), pack(rotations, types) if needs_uv else None)
 
     def sample(self, p: Any, index: Any, u: Any, active: Any) -> ShapeSample:
         types = self.types
-        center, radius = self._sphere(index, active)
-        sign = dr.gather(types.Array4f, self.records, index * 2 + 1, active).x
-        axis, distance, outside, span, sine = _cone(p, center, radius)
+        center, radius, sign = self._sphere(index, active)
+        axis, distance, outside, span, sine = _cone(p, center, radius, sign)
 
         # 1 - cos(theta) is uniform over the cone; written so that nothing cancels however small the cone.
         versine = u.x * span
@@ -72,14 +70,14 @@ class SphereLights:
 
     def inverse_pdf(self, p: Any, index: Any, hit: Any, n: Any, active: Any) -> Any:
         """The inverse of the density per steradian at the point ``hit`` with normal ``n``, from ``p``."""
-        center, radius = self._sphere(index, active)
-        _, _, outside, span, _ = _cone(p, center, radius)
+        center, radius, sign = self._sphere(index, active)
+        _, _, outside, span, _ = _cone(p, center, radius, sign)
         d, dist = towards(p, hit)
         return dr.select(outside, (2 * pi) * span, solid_angle((4 * pi) * radius * radius, d, dist, n))
 
-    def _sphere(self, index: Any, active: Any) -> tuple[Any, Any]:
+    def _sphere(self, index: Any, active: Any) -> tuple[Any, Any, Any]:
         record = dr.gather(self.types.Array4f, self.records, index * 2, active)
-        return record.xyz, record.w
+        return record.xyz, record.w, dr.gather(self.types.Array4f, self.records, index * 2 + 1, active).x
 
     def _uv(self, index: Any, n: Any, active: Any) -> Any:
         types = self.types
@@ -91,10 +89,11 @@ class SphereLights:
         return types.Array2f(turn(local[0], local[1]), polar)
 
 
-def _cone(p: Any, center: Any, radius: Any) -> tuple[Any, Any, Any, Any, Any]:
-    """The sphere's axis and distance from ``p``; if ``p`` is outside; ``1 - cos`` and ``sin`` of its half angle."""
+def _cone(p: Any, center: Any, radius: Any, sign: Any) -> tuple[Any, Any, Any, Any, Any]:
+    """The sphere's axis and distance from ``p``; if it is met from outside; ``1 - cos`` and ``sin`` of its half angle."""
     axis, distance = towards(p, center)
-    outside = distance > radius
+    # A sphere that shines inwards is met from inside only: points on it are not outside, wherever rounding puts them.
+    outside = (distance > radius) & (sign > 0)
     sine = radius / dr.select(outside, distance, 1)
     near = dr.select(outside, (distance - radius) / distance, 0)
     cosine = dr.safe_sqrt(near * (1 + sine))

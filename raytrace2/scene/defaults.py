@@ -58,7 +58,6 @@ _TABLE: dict[str, dict[str, Any]] = {
     "independent": {**_SAMPLER},
     "stratified": {**_SAMPLER, "jitter": True},
     "multijitter": {**_SAMPLER, "jitter": True},
-    "orthogonal": {**_SAMPLER, "jitter": True, "strength": 2},
     "ldsampler": {**_SAMPLER},
     "box": {},
     "tent": {"radius": 1.0},

@@ -281,7 +281,7 @@ class Film:
 
 @dataclass(frozen=True)
 class Sampler:
-    kind: Literal["independent", "stratified", "ldsampler", "multijitter", "orthogonal"] = "independent"
+    kind: Literal["independent", "stratified", "ldsampler", "multijitter"] = "independent"
     sample_count: int = 4
     seed: int = 0
     jitter: bool = True

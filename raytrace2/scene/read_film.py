@@ -8,10 +8,10 @@ from .description import Film, ReconstructionFilter, Sampler
 from .nodes import Node
 from .reading import PropertyReader, Reading
 
-Kind: TypeAlias = Literal["independent", "stratified", "ldsampler", "multijitter", "orthogonal"]
+Kind: TypeAlias = Literal["independent", "stratified", "ldsampler", "multijitter"]
 
 _FILTERS = ("box", "tent", "gaussian", "mitchell", "catmullrom", "lanczos")
-_SAMPLERS = ("independent", "stratified", "multijitter", "orthogonal", "ldsampler")
+_SAMPLERS = ("independent", "stratified", "multijitter", "ldsampler")
 _LARGEST_SIDE = 1 << 20
 
 
@@ -80,8 +80,6 @@ def read_sampler(node: Node | None, reading: Reading) -> Sampler:
     properties = PropertyReader(node, reading)
     count = properties.integer("sample_count", least=1)
     seed = properties.integer("seed", least=0, most=2**32 - 1)
-    jitter = properties.boolean("jitter") if node.plugin in ("stratified", "multijitter", "orthogonal") else True
-    if node.plugin == "orthogonal" and properties.integer("strength", least=0) != 2:
-        reading.refuse(node, "'strength' other than 2 is not supported", "leave it out")
+    jitter = properties.boolean("jitter") if node.plugin in ("stratified", "multijitter") else True
     properties.finish()
     return Sampler(cast(Kind, node.plugin), count, seed, jitter)

@@ -94,7 +94,8 @@ def mitsuba_shape(mi: Any, shape: Any) -> Any:
     return {
         "type": PLUGINS[type(shape)],
         "to_world": mi.ScalarTransform4f(shape.to_world),
-        "flip_normals": shape.flip_normals,
+        # The description counts a mirror among a sphere's flips, Mitsuba's property does not.
+        "flip_normals": shape.flip_normals != (isinstance(shape, d.SphereShape) and np.linalg.det(shape.to_world) < 0),
         "emitter": emitter,
     }
 

@@ -232,7 +232,7 @@ def test_kernels_do_not_depend_on_seed_or_sample_count(kind):
 
 
 @pytest.mark.parametrize(
-    ("desc", "count"), [(Sampler("orthogonal"), 4), (Sampler(), 0), (Sampler(), -3), (Sampler(sample_count=0), None)]
+    ("desc", "count"), [(Sampler("sobol"), 4), (Sampler(), 0), (Sampler(), -3), (Sampler(sample_count=0), None)]
 )
 def test_samplers_that_cannot_be_are_refused(desc, count):
     with pytest.raises(SceneError):
