@@ -36,7 +36,7 @@ class BitmapTexture:
     """``pixels`` is (height, width, channels) with 1 or 3 channels, as the file stores them: uint8, float16 or float32.
 
     uint8 pixels are sRGB-encoded unless ``raw``; floating-point ones are linear. ``to_uv`` maps the surface's uv to the
-    texture's. Row 0 is the top of the image and lies at v = 1, as in Mitsuba.
+    texture's. Row 0 is the top of the image and lies at v = 0, as in Mitsuba.
     """
 
     pixels: np.ndarray
