@@ -16,9 +16,12 @@ from ..surfaces.hit import Candidate
 from ..surfaces.primitives import LocalRay, Primitives
 from ..surfaces.structure import Structure
 from . import bounding_volumes_traversal as traversal
-from .volume_groups import Groups, expected_tests, half_area, halved, in_runs
+from .volume_groups import Groups, expected_tests, few_large, half_area, halved, in_runs, with_singles
 from .volumes import VOLUMES
 from .volumes.hulls import Hulls
+
+#: Groups of fewer are not tried: volumes cost as much as what is in them.
+_SMALLEST_GROUP = 4
 
 
 @dataclass(frozen=True)
@@ -107,12 +110,15 @@ class BoundingVolumes(Structure):
         size = self.config.group_size
         if size == "surface":
             return in_runs(self._surfaces_of(parts))
+        large = few_large(parts.lo, parts.hi)
+        lo, hi = parts.lo[~large], parts.hi[~large]
         if size != "auto":
-            return halved(parts.lo, parts.hi, int(size))[-1]
-        config, lo, hi = self.config, parts.lo, parts.hi
-        found = halved(lo, hi, 4)
+            return with_singles(halved(lo, hi, int(size))[-1], large)
+        config = self.config
+        found = halved(lo, hi, _SMALLEST_GROUP)
+        # Relative to the box around the others, for rays go to where things are rather than to all of the floor.
         costs = [config.volume_cost * len(g) + config.primitive_cost * expected_tests(g, lo, hi) for g in found]
-        return found[int(np.argmin(costs))]
+        return with_singles(found[int(np.argmin(costs))], large)
 
     def _surfaces_of(self, parts: Primitives) -> np.ndarray:
         """A number for each primitive that is the same within a surface; what leads inside is by itself."""

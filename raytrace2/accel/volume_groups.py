@@ -18,6 +18,27 @@ class Groups:
         return len(self.firsts) - 1
 
 
+#: A primitive is large if its box has more than this share of the area of the box around everything, and primitives are
+#: few if they are no more than this share of all.
+_LARGE = _FEW = 1 / 32
+
+
+def few_large(lo: np.ndarray, hi: np.ndarray) -> np.ndarray:
+    """Which primitives (n,) are large, if they are few, else none: a floor would stretch the volume around whatever
+    else was in its group over the whole scene."""
+    share = half_area(lo, hi) / max(half_area(lo.min(axis=0)[None], hi.max(axis=0)[None])[0], 1e-300)
+    large = share > _LARGE
+    return large if large.sum() <= _FEW * len(lo) else np.zeros(len(lo), dtype=bool)
+
+
+def with_singles(groups: Groups, alone: np.ndarray) -> Groups:
+    """``groups`` of the primitives that are not ``alone`` (n,), numbered among all, and a group for each of the
+    others."""
+    rest, singles = np.flatnonzero(~alone), np.flatnonzero(alone)
+    ends = len(rest) + 1 + np.arange(len(singles))
+    return Groups(np.append(rest[groups.order], singles), np.append(groups.firsts, ends))
+
+
 def halved(lo: np.ndarray, hi: np.ndarray, most: int) -> list[Groups]:
     """Groupings by halving, coarsest first: all in one group, then each group in two equal ones along the longest
     side of the box around its centroids, until none has more than ``most`` primitives.

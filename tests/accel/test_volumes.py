@@ -168,7 +168,24 @@ def test_groups_hold_everything_once_and_lie_together():
     assert tests[-1] < volume_groups.expected_tests(shuffled, lo, lo + 0.01) / 10
 
 
-def test_kernels_of_either_precision_take_no_square_root():
+def test_a_few_large_primitives_stand_apart():
+    rng = np.random.default_rng(6)
+    lo = rng.uniform(size=(200, 3))
+    hi = lo + 0.01
+    lo[[7, 90]], hi[[7, 90]] = -1, (2, 2, -0.9)
+    large = volume_groups.few_large(lo, hi)
+    assert np.flatnonzero(large).tolist() == [7, 90]
+    groups = volume_groups.with_singles(volume_groups.halved(lo[~large], hi[~large], 16)[-1], large)
+    np.testing.assert_array_equal(np.sort(groups.order), np.arange(200))
+    assert groups.order[-2:].tolist() == [7, 90] and np.diff(groups.firsts)[-2:].tolist() == [1, 1]
+    mixed = volume_groups.halved(lo, hi, 16)[-1]
+    assert volume_groups.expected_tests(groups, lo, hi) < volume_groups.expected_tests(mixed, lo, hi) / 2
+    assert not volume_groups.few_large(lo[:8], hi[:8]).any()
+    nothing = np.zeros((40, 3))
+    assert not volume_groups.few_large(nothing, nothing).any()
+
+
+def test_the_test_of_a_ball_takes_no_square_root():
     """Balls are asked whether, not where."""
     t = types("float32")
     words = np.repeat(VOLUMES["sphere"].fit(hulls(np.eye(3)), t), 4, axis=0)
@@ -176,4 +193,4 @@ def test_kernels_of_either_precision_take_no_square_root():
         dr.kernel_history_clear()
         meets("sphere", words, np.zeros((4, 3)), np.ones((4, 3)), "float32")
         text = "".join(entry["ir"].getvalue() for entry in dr.kernel_history() if "ir" in entry)
-    assert "sqrt" not in text
+    assert "fmul" in text and "sqrt" not in text
