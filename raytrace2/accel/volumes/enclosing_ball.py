@@ -45,9 +45,7 @@ def enclosing_balls(hulls: Hulls) -> np.ndarray:
         if not growing.all():
             groups = groups[growing]
             current = current.some(np.flatnonzero(growing))
-        center[groups], squared[groups], basis[groups] = _next_ball(
-            basis[groups], points, center[groups]
-        )
+        center[groups], squared[groups], basis[groups] = _next_ball(basis[groups], points, center[groups])
     return origin + center * size[:, None]
 
 

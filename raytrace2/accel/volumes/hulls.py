@@ -11,9 +11,7 @@ from ...surfaces import record
 from ...surfaces.primitives import Primitives
 
 # The cube's and the octahedron's corners: where a sphere is sampled to fit volumes to it.
-_ON_SPHERE = np.concatenate(
-    [np.array(list(itertools.product((-1.0, 1.0), repeat=3))) / 3**0.5, np.eye(3), -np.eye(3)]
-)
+_ON_SPHERE = np.concatenate([np.array(list(itertools.product((-1.0, 1.0), repeat=3))) / 3**0.5, np.eye(3), -np.eye(3)])
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from ...errors import SettingError
 from .architecture import architecture
 from .balls import balls, shells
 from .bumpy import bumpy_sphere_scene
@@ -45,11 +46,11 @@ def names() -> tuple[str, ...]:
 def make(name: str, size: int = 10_000, seed: int = 0) -> ProceduralScene:
     """The scene ``name`` of about ``size`` primitives: a sequence of Surfaces, with a ``view`` to look at them from.
 
-    The same arguments give the same scene; scenes without chance are the same for every ``seed``. ``ValueError`` for an
-    unknown name or fewer than 100 primitives.
+    The same arguments give the same scene; scenes without chance are the same for every ``seed``. ``SettingError`` (a
+    ``ValueError``) for an unknown name or fewer than 100 primitives.
     """
     if name not in _SCENES:
-        raise ValueError(f"unknown scene {name!r}; there are {', '.join(_SCENES)}")
+        raise SettingError(f"unknown scene {name!r}; there are {', '.join(_SCENES)}")
     if isinstance(size, bool) or not float(size).is_integer() or size < SMALLEST:
-        raise ValueError(f"size must be a whole number from {SMALLEST} on, not {size!r}")
+        raise SettingError(f"size must be a whole number from {SMALLEST} on, not {size!r}")
     return _SCENES[name](int(size), seed)
