@@ -14,6 +14,7 @@ from .notebook import show_images_in_notebooks as _show_images_in_notebooks  # n
 from .rays.ray import Ray  # noqa: E402
 from .reference.comparison import Comparison  # noqa: E402
 from .render import RenderInterrupted, render  # noqa: E402
+from .scene import procedural as scenes  # noqa: E402
 from .scene.scene import Scene  # noqa: E402
 from .surfaces.hit import Hit  # noqa: E402
 from .surfaces.instance import Instance  # noqa: E402
@@ -48,6 +49,7 @@ __all__ = [
     "load_file",
     "load_string",
     "render",
+    "scenes",
 ]
 
 _show_images_in_notebooks()

@@ -11,12 +11,14 @@ from ..rays.differentials import uv_partials
 from ..rays.ray import Ray
 from ..scene.description import Integrator
 from ..scene.traced import TracedScene
+from ..surfaces.hit import Counts
 from ..surfaces.interaction import SurfaceInteraction
 
 _AXES = ("X", "Y", "Z")
 _COLORS = ("R", "G", "B")
 _UV = ("U", "V")
-#: The kinds of ``aovs`` and the channel suffixes of each, as Mitsuba names them.
+#: The kinds of ``aovs`` and the channel suffixes of each, as Mitsuba names them; those of ``accel.`` are our own, and tell
+#: how many volumes, nodes and primitives of the structure each ray met on its way, misses included.
 CHANNELS: dict[str, tuple[str, ...]] = {
     "albedo": _COLORS,
     "depth": ("T",),
@@ -30,6 +32,9 @@ CHANNELS: dict[str, tuple[str, ...]] = {
     "duv_dy": _UV,
     "prim_index": ("I",),
     "shape_index": ("I",),
+    "accel.volumes": ("N",),
+    "accel.nodes": ("N",),
+    "accel.primitives": ("N",),
 }
 
 
@@ -45,12 +50,21 @@ def aov(
 
     ``offset_rays`` are those a pixel to the right and a pixel down, needed for ``duv_dx`` and ``duv_dy``.
     """
-    si = scene.structure.interact(ray, scene.structure.intersect(ray, active))
+    counts: Counts | None = None
+    if any(kind.startswith("accel.") for _, kind in settings.aovs):
+        hit, counts = scene.structure.count(ray, active)
+    else:
+        hit = scene.structure.intersect(ray, active)
+    si = scene.structure.interact(ray, hit)
+    Float = scene.types.Float
     values: list[Any] = []
     for _, kind in settings.aovs:
-        values.extend(_value(kind, scene, ray, si, offset_rays))
-    Float = scene.types.Float
-    return [dr.select(si.valid & active, Float(value), 0) for value in values]
+        if kind.startswith("accel."):
+            values.append(dr.select(active, Float(getattr(counts, kind.removeprefix("accel."))), 0))
+        else:
+            found = _value(kind, scene, ray, si, offset_rays)
+            values.extend(dr.select(si.valid & active, Float(value), 0) for value in found)
+    return values
 
 
 def needs_offset_rays(settings: Integrator) -> bool:

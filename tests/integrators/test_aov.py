@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import drjit as dr
 import numpy as np
 import pytest
 from render_cases import (
@@ -23,6 +24,7 @@ from render_cases import (
 
 import raytrace2 as rt
 from raytrace2.render import render_detailed
+from raytrace2.scene.description import Integrator
 
 KINDS = "albedo depth position uv geo_normal sh_normal dp_du dp_dv duv_dx duv_dy prim_index shape_index".split()
 
@@ -135,3 +137,19 @@ def test_geometry_alone_needs_no_materials() -> None:
     loaded = rt.load_dict(scene(integrator=aov("depth", "sh_normal"), **corner(lamp=lamp())))
     rt.render(loaded, spp=1)
     assert "_tables" not in vars(loaded.traced())
+
+
+def test_what_rays_cost_is_a_channel_and_costs_nothing_elsewhere() -> None:
+    one = rt.load_dict(scene(ball={"type": "sphere"}))
+    settings = Integrator("aov", aovs=(("n", "accel.primitives"), ("d", "depth")))
+    image = np.array(rt.render(one, integrator=settings, accel="brute_force"))
+    assert (image[..., 0] == 1).all(), "brute force tests the one primitive on every ray, misses included"
+    assert (image[..., 1] == 0).any() and (image[..., 1] > 0).any()
+
+    def operations(*aovs: tuple[str, str]) -> int:
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+            dr.kernel_history_clear()
+            rt.render(one, integrator=Integrator("aov", aovs=aovs))
+            return max(k["operation_count"] for k in dr.kernel_history([dr.KernelType.JIT]))
+
+    assert operations(("d", "depth")) < operations(("n", "accel.nodes"), ("d", "depth"))
