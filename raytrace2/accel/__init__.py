@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .build import build, names
-from .bvh import Bvh, BvhConfig
+from .bvh import Bvh
+from .bvh_config import BvhConfig
 
 __all__ = ["Bvh", "BvhConfig", "build", "names"]

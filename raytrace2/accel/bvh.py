@@ -3,43 +3,30 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
-from typing import Any, Literal
+from collections.abc import Sequence
+from typing import Any
 
 import drjit as dr
 import numpy as np
 
-from ..buffers import owned
 from ..surfaces.geometry import Geometry
 from ..surfaces.hit import Candidate
-from ..surfaces.primitives import LocalRay
+from ..surfaces.primitives import DevicePrimitives, LocalRay
 from ..surfaces.structure import Structure
-from . import bvh_traversal, wide_node
-from .binned_sah import build_binned_sah
-from .collapse import WideTree, collapse
-
-
-@dataclass(frozen=True)
-class BvhConfig:
-    """``max_leaf_size``: most primitives in a leaf; ``node_cost`` and ``primitive_cost``: what a visit and a test
-    cost, in any unit, for the choice between splitting and stopping."""
-
-    builder: Literal["sah"] = "sah"
-    max_leaf_size: int = 4
-    node_cost: float = 1.0
-    primitive_cost: float = 1.0
-
-    def __post_init__(self) -> None:
-        if self.builder != "sah":
-            raise ValueError(f"builder must be 'sah', not {self.builder!r}")
-        if not 1 <= self.max_leaf_size <= wide_node.MAX_LEAF_SIZE:
-            raise ValueError(f"max_leaf_size must lie in 1 to {wide_node.MAX_LEAF_SIZE}, not {self.max_leaf_size}")
-        if not (self.node_cost > 0 and self.primitive_cost > 0):
-            raise ValueError("node_cost and primitive_cost must be positive")
+from ..surfaces.surface import Surface
+from . import bvh_traversal, wide_encode, wide_node
+from .builders import BUILDERS
+from .bvh_config import BvhConfig
+from .bvh_refit import Refit, refit_boxes, refit_volumes
+from .collapse import collapse
+from .octant_slots import by_octant
+from .topology import Topology
+from .volume_nodes import volume_nodes
+from .wide_boxes import QuantisedNodes
 
 
 class Bvh(Structure):
-    """A four-wide hierarchy of boxes over the primitives of a geometry."""
+    """A wide hierarchy of volumes over the primitives of a geometry."""
 
     kind = "bvh"
 
@@ -47,38 +34,117 @@ class Bvh(Structure):
         super().__init__(geometry)
         self.config = config or BvhConfig()
         begin = time.perf_counter()
-        parts = geometry.primitives()
         self._device: bvh_traversal.DeviceTree | None = None
-        empty = dict.fromkeys(("primitives", "references", "nodes", "leaves", "depth", "bytes", "sah_cost"), 0)
-        self._statistics: dict[str, Any] = {"kind": self.kind, **empty}
-        if parts is not None and (absent := (parts.lo > parts.hi).any(axis=1)).any():
-            # A structure over nothing has a box that encloses nothing.
-            parts = parts.reordered(np.flatnonzero(~absent))
-        if parts is not None and len(parts):
-            if len(parts) > wide_node.MAX_PRIMITIVES:
-                raise ValueError(f"a bvh holds at most {wide_node.MAX_PRIMITIVES} primitives, not {len(parts)}")
-            tree = build_binned_sah(parts.lo, parts.hi)
-            config = self.config
-            wide = collapse(
-                tree,
-                wide_node.WIDTH,
-                max_leaf_size=config.max_leaf_size,
-                node_cost=config.node_cost,
-                primitive_cost=config.primitive_cost,
-            )
-            if len(wide.binary) > wide_node.MAX_NODES:
-                most = wide_node.MAX_NODES
-                raise ValueError(f"a bvh has at most {most} nodes, not {len(wide.binary)}: raise max_leaf_size")
-            words = wide_node.encode_nodes(tree, wide, self.types)
-            whole = wide_node.leaf_reference(np.zeros(1, np.int64), np.array([len(parts)]))[0]
-            self._root = dr.opaque(self.types.UInt, int(whole) if len(wide.binary) == 0 else 0)
-            # A multiple of eight keeps scenes of like depth on one kernel; a level leaves one group pending at most.
-            stack_size = max(8, -(-wide.depth // 8) * 8)
-            Word = self.types.UInt if words.dtype == np.uint32 else self.types.UInt64
-            device = parts.upload(tree.order)
-            self._device = bvh_traversal.DeviceTree(self.types, owned(words, Word), device, stack_size)
-            self._statistics = _describe(wide, len(parts), words.nbytes + parts.records.nbytes)
+        self._topology: Topology | None = None
+        counts = dict.fromkeys(("primitives", "references", "nodes", "leaves", "depth", "bytes"), 0)
+        self._statistics: dict[str, Any] = {"kind": self.kind, **_settings(self.config), **counts, "sah_cost": 0.0}
+        self._build()
         self._statistics["build_seconds"] = time.perf_counter() - begin
+
+    def _build(self) -> None:
+        parts, config = self.geometry.primitives(), self.config
+        if parts is None:
+            return
+        # A structure over nothing has a box that encloses nothing.
+        present = np.flatnonzero((parts.lo <= parts.hi).all(axis=1))
+        whole = len(present) == len(parts)
+        some = parts if whole else parts.reordered(present)
+        if len(some) == 0:
+            return
+        if len(some) > wide_node.MAX_PRIMITIVES:
+            raise ValueError(f"a bvh holds at most {wide_node.MAX_PRIMITIVES} primitives, not {len(some)}")
+        tree = BUILDERS[config.builder](some, config)
+        if len(tree.order) > wide_node.MAX_PRIMITIVES:
+            most = wide_node.MAX_PRIMITIVES
+            raise ValueError(f"a bvh holds at most {most} parts, not {len(tree.order)}: lower reference_budget")
+        wide = collapse(
+            tree,
+            config.width,
+            max_leaf_size=config.max_leaf_size,
+            node_cost=config.node_cost,
+            primitive_cost=config.primitive_cost,
+        )
+        if len(wide.binary) > wide_node.MAX_NODES:
+            most = wide_node.MAX_NODES
+            raise ValueError(f"a bvh has at most {most} nodes, not {len(wide.binary)}: raise max_leaf_size")
+        if config.width == 8:
+            wide = by_octant(wide, tree)
+        topology = Topology.of(tree, wide, tree.order if whole else present[tree.order], self.types)
+        boxes = wide_encode.child_boxes(tree, wide)
+        nodes: bvh_traversal.Nodes
+        if config.volume == "box":
+            layout = wide_node.LAYOUTS[config.width]
+            refs = topology.device_references
+            words = wide_encode.encode(self.types.Float(boxes.ravel()), None, refs, layout, self.types)
+            nodes = QuantisedNodes(self.types, layout, words)
+        else:
+            nodes = volume_nodes(topology, parts.reordered(topology.order), boxes, config.volume)
+        self._adopt(topology, nodes, parts.upload(topology.order), wide.cost, len(some))
+
+    def _adopt(
+        self,
+        topology: Topology,
+        nodes: bvh_traversal.Nodes,
+        primitives: DevicePrimitives,
+        cost: float,
+        present: int,
+    ) -> None:
+        self._topology = topology
+        self._root = dr.opaque(self.types.UInt, topology.root)
+        # A multiple of eight keeps scenes of like depth on one kernel; a level leaves one group pending at most.
+        stack_size = max(8, -(-topology.depth // 8) * 8)
+        self._device = bvh_traversal.DeviceTree(self.types, nodes, primitives, stack_size)
+        node_count, references = len(topology.references), len(topology.order)
+        children = np.count_nonzero(topology.references != wide_node.NEXT)
+        self._statistics |= {
+            "primitives": present,
+            "references": references,
+            "duplication": references / present,
+            "nodes": node_count,
+            "leaves": topology.leaves,
+            "depth": topology.depth,
+            "children_per_node": children / max(1, node_count),
+            "bytes": nodes.bytes + dr.width(primitives.buffer) * primitives.buffer.numpy().itemsize,
+            "sah_cost": cost,
+        }
+
+    def refit(self, moved: Geometry | Surface | Sequence[Surface]) -> Bvh:
+        """A hierarchy of the same nodes over surfaces that have moved: new boxes, not a new tree.
+
+        ``moved`` are the surfaces that this one was built over, with the same kinds and numbers of primitives in the
+        same order. This hierarchy stays as it is, and so do structures that it is part of. ``statistics()["refit"]``
+        of the result tells what was lost: ``sah_cost_built`` of the tree when it was built, ``sah_cost`` now,
+        ``sah_cost_ratio`` of the two, ``refits`` since the build and the ``seconds`` it took. ``ValueError`` if the
+        surfaces do not match.
+        """
+        begin = time.perf_counter()
+        found = self._refitted(moved)
+        result = Bvh.__new__(Bvh)
+        Structure.__init__(result, found.geometry)
+        result.config = self.config
+        result._device, result._topology = None, None
+        result._statistics = dict(self._statistics)
+        before = self._statistics.get("refit", {"sah_cost_built": self._statistics["sah_cost"], "refits": 0})
+        if found.nodes is not None:
+            assert self._topology is not None and found.primitives is not None
+            result._adopt(self._topology, found.nodes, found.primitives, found.cost, self._statistics["primitives"])
+        built = before["sah_cost_built"]
+        result._statistics["refit"] = {
+            "sah_cost_built": built,
+            "sah_cost": found.cost,
+            "sah_cost_ratio": found.cost / built if built else 1.0,
+            "refits": before["refits"] + 1,
+            "seconds": time.perf_counter() - begin,
+        }
+        return result
+
+    def _refitted(self, moved: Geometry | Surface | Sequence[Surface]) -> Refit:
+        config = self.config
+        costs = (config.node_cost, config.primitive_cost)
+        if config.volume == "box":
+            primitives = None if self._device is None else self._device.primitives
+            return refit_boxes(self.geometry, moved, self._topology, primitives, costs)
+        return refit_volumes(self.geometry, moved, self._topology, config.volume, costs)
 
     def traverse(self, ray: LocalRay, best: Candidate, root: Any, active: Any) -> Candidate:
         if self._device is None:
@@ -91,22 +157,11 @@ class Bvh(Structure):
         return bvh_traversal.anything(self._device, ray, root + self._root, active)
 
     def statistics(self) -> dict[str, Any]:
-        """Counts of nodes, leaves and primitives, depth, bytes on the device, the seconds that the build took and
-        ``sah_cost``, the expected cost of a random ray that meets the root's box, in units of the config's costs."""
+        """Counts of nodes, leaves, primitives and references to them, depth, bytes on the device, the seconds that the
+        build took and ``sah_cost``, the expected cost of a random ray that meets the root's box, in units of the
+        config's costs; ``refit``, what :meth:`refit` says, where there was one."""
         return dict(self._statistics)
 
 
-def _describe(wide: WideTree, primitives: int, size: int) -> dict[str, Any]:
-    children = np.count_nonzero(wide.children >= 0)
-    inner = np.count_nonzero(wide.inner >= 0)
-    return {
-        "kind": Bvh.kind,
-        "primitives": primitives,
-        "references": primitives,
-        "nodes": len(wide.binary),
-        "leaves": int(children - inner) if len(wide.binary) else 1,
-        "depth": wide.depth,
-        "children_per_node": float(children / max(1, len(wide.binary))),
-        "bytes": int(size),
-        "sah_cost": wide.cost,
-    }
+def _settings(config: BvhConfig) -> dict[str, Any]:
+    return {"builder": config.builder, "width": config.width, "volume": config.volume}

@@ -46,8 +46,9 @@ def fill_bins(types: Types, primitives: Any, group: Group) -> tuple[Any, Any]:
     return boxes, counts
 
 
-def cheapest_plane(types: Types, bins: tuple[Any, Any], total: Any, unit: Any) -> tuple[Any, Any]:
-    """The axis and the first bin right of the plane of least area times count; :data:`BY_COUNT` where all share a bin.
+def cheapest_plane(types: Types, bins: tuple[Any, Any], total: Any, unit: Any) -> tuple[Any, Any, Any]:
+    """The axis and the first bin right of the plane of least area times count, and that cost; :data:`BY_COUNT` and
+    infinity where all share a bin.
 
     Of equal costs the more even split wins, which bounds the depth over boxes without any area.
     """
@@ -80,7 +81,7 @@ def cheapest_plane(types: Types, bins: tuple[Any, Any], total: Any, unit: Any) -
     best = no_split(types, width, dr.zeros(UInt, width))
     start = (dr.zeros(UInt, width), *nothing(), best, right_costs, boxes, counts)
     best = dr.while_loop(start, lambda k, *_: k < BINS - 1, from_left, label="cheapest plane")[3]
-    return best[2], best[3]
+    return best[2], best[3], best[0]
 
 
 def no_split(types: Types, width: int, plane: Any) -> tuple[Any, Any, Any, Any]:

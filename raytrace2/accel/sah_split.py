@@ -22,7 +22,7 @@ def split_small(level: Level, node: Any, place: Any, *, exact: bool) -> None:
         axis, plane = sweep(types, level.primitives, group)
         least, scale = [types.Float(0)] * 3, [types.Float(1)] * 3
     else:
-        axis, bin = cheapest_plane(types, fill_bins(types, level.primitives, group), count, group.unit)
+        axis, bin, _ = cheapest_plane(types, fill_bins(types, level.primitives, group), count, group.unit)
         plane, least, scale = types.Float(bin), group.least, group.scale
     is_right = right_of_plane(types, level.chosen(axis), plane, least, scale, group.begin + (count >> 1))
     sides, left_end = partition(

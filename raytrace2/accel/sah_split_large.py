@@ -110,7 +110,7 @@ def _choose(level: Level, node: np.ndarray, bins: np.ndarray) -> tuple[np.ndarra
     state = (dr.zeros(UInt, m), *no_bins(types))
     _, boxes, counts = dr.while_loop(state, lambda k, *_: k < ALL_BINS, read, label="load bins")
     group = level.group(*lanes(types, node))
-    axis, plane = cheapest_plane(types, (boxes, counts), group.end - group.begin, group.unit)
+    axis, plane, _ = cheapest_plane(types, (boxes, counts), group.end - group.begin, group.unit)
     axis = level.chosen(axis)
     dr.eval(axis, plane)
     return axis.numpy().astype(np.int64), plane.numpy().astype(np.int64)

@@ -15,6 +15,7 @@ from raytrace2.accel.binary_tree import BinaryTree, surface_area
 from raytrace2.accel.binned_sah import COST_LEVELS, LARGE, TINY, build_binned_sah
 from raytrace2.accel.collapse import WideTree, collapse
 from raytrace2.accel.sah_bins import BINS
+from raytrace2.accel.wide_encode import encode_nodes
 from raytrace2.types import types
 
 COSTS = {"max_leaf_size": 4, "node_cost": 1.0, "primitive_cost": 1.0}
@@ -267,7 +268,7 @@ def check_words(lo: np.ndarray, hi: np.ndarray) -> None:
     layout = wide_node.NodeFormat.of(kinds)
     tree = build_binned_sah(lo, hi)
     wide = collapse(tree, wide_node.WIDTH, max_leaf_size=1, node_cost=1.0, primitive_cost=1.0)
-    words = wide_node.encode_nodes(tree, wide, kinds)
+    words = encode_nodes(tree, wide, kinds)
     assert words.dtype == layout.word
     for node, children, row in zip(wide.binary, wide.children, words, strict=True):
         for slot, child in enumerate(children):
@@ -315,7 +316,7 @@ def test_grid_aligned_boxes_are_exact() -> None:
     lo, hi = k * np.float32([1, 0, 0]), (k + 1) * np.float32([1, 0, 0]) + np.float32([0, 1, 0])
     tree = build_binned_sah(lo, hi)
     wide = collapse(tree, wide_node.WIDTH, **COSTS)
-    words = wide_node.encode_nodes(tree, wide, types("float32"))
+    words = encode_nodes(tree, wide, types("float32"))
     for children, row in zip(wide.children, words, strict=True):
         for slot, child in enumerate(children):
             if child >= 0:
