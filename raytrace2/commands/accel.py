@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import io
 
-from .arguments import add_scene_arguments, load_scene, size_argument
+from ._arguments import add_scene_arguments, load_scene, size_argument
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

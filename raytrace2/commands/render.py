@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from .arguments import add_render_arguments, add_scene_arguments, load_scene, render_options
+from ._arguments import add_render_arguments, add_scene_arguments, load_scene, render_options
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -17,8 +17,8 @@ from ..surfaces.interaction import SurfaceInteraction
 _AXES = ("X", "Y", "Z")
 _COLORS = ("R", "G", "B")
 _UV = ("U", "V")
-#: The kinds of ``aovs`` and the channel suffixes of each, as Mitsuba names them; those of ``accel.`` are our own, and tell
-#: how many volumes, nodes and primitives of the structure each ray met on its way, misses included.
+#: The kinds of ``aovs`` and the channel suffixes of each, as Mitsuba names them; those of ``accel.`` are our own, and
+#: tell how many volumes, nodes and primitives of the structure each ray met on its way, misses included.
 CHANNELS: dict[str, tuple[str, ...]] = {
     "albedo": _COLORS,
     "depth": ("T",),
