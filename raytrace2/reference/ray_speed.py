@@ -39,9 +39,8 @@ class RaySpeed:
         return self.ours / self.mitsuba
 
 
-def benchmark_rays(mesh: TriangleMesh, structure: Structure, side: int = 1024, seed: int = 0) -> dict[str, Ray]:
-    """The rays of the benchmark: ``side``^2 primary rays that frame the mesh, cosine-distributed bounces from where
-    those hit it, and shadow rays from there to points on a square light above of the mesh's own size."""
+def benchmark_rays(structure: Structure, side: int = 1024, seed: int = 0) -> dict[str, Ray]:
+    """``side``^2 primary rays that frame everything, and the :func:`secondary_rays` from where they hit."""
     lo, hi = structure.bounds()
     center, radius = (lo + hi) / 2.0, float(np.linalg.norm(hi - lo)) / 2
     view = np.array([-0.3, -0.25, -1.0]) / np.linalg.norm([0.3, 0.25, 1.0])
@@ -55,9 +54,21 @@ def benchmark_rays(mesh: TriangleMesh, structure: Structure, side: int = 1024, s
     d = view + u[:, None] * right + v[:, None] * up
     d /= np.linalg.norm(d, axis=1, keepdims=True)
     primary = Ray(np.repeat(eye[None], side * side, axis=0), d)
+    return {"primary": primary, **secondary_rays(structure, primary, seed)}
+
+
+def secondary_rays(structure: Structure, primary: Ray, seed: int = 0, up: int = 1) -> dict[str, Ray]:
+    """Cosine-distributed bounces from where ``primary`` meets the structure, and shadow rays from there to points on a
+    square above everything along axis ``up``, of its size. Where nothing is met, one ray of each, far away."""
+    lo, hi = structure.bounds()
+    center, radius = (lo + hi) / 2.0, float(np.linalg.norm(hi - lo)) / 2
+    d = np.array(primary.d).T
     si = structure.interact(primary, structure.intersect(primary))
     rng = np.random.default_rng(seed)
     hit = np.flatnonzero(np.array(si.valid))
+    if len(hit) == 0:
+        away = Ray(center[None] + 3 * radius, np.ones((1, 3)))
+        return {"bounce": away, "shadow": away}
     p, n, error = np.array(si.p).T[hit], np.array(si.n).T[hit], np.array(si.p_error)[hit]
     n = np.where((n * d[hit]).sum(axis=1, keepdims=True) > 0, -n, n)
     # Well off the surface for either renderer, so that what is timed is the way out.
@@ -65,15 +76,12 @@ def benchmark_rays(mesh: TriangleMesh, structure: Structure, side: int = 1024, s
     sphere = rng.normal(size=n.shape)
     bounce = n + 0.9999 * sphere / np.linalg.norm(sphere, axis=1, keepdims=True)
     bounce /= np.linalg.norm(bounce, axis=1, keepdims=True)
-    light = center + radius * np.array([1.0, 2.0, 1.0])
-    light = light + radius * rng.uniform(-0.5, 0.5, size=n.shape) * [1, 0, 1]
+    above = np.eye(3)[up]
+    light = center + radius * (1 + above)
+    light = light + radius * rng.uniform(-0.5, 0.5, size=n.shape) * (1 - above)
     to_light = light - o
     distance = np.linalg.norm(to_light, axis=1)
-    return {
-        "primary": primary,
-        "bounce": Ray(o, bounce),
-        "shadow": Ray(o, to_light / distance[:, None], 0.0, distance),
-    }
+    return {"bounce": Ray(o, bounce), "shadow": Ray(o, to_light / distance[:, None], 0.0, distance)}
 
 
 def ray_speed(
@@ -86,20 +94,15 @@ def ray_speed(
     disturbances.
     """
     built = {name: build(mesh, name) for name in structures}
-    rays = benchmark_rays(mesh, next(iter(built.values())), side)
+    rays = benchmark_rays(next(iter(built.values())), side)
     rows = []
     with mitsuba_variant("llvm_ad_rgb") as mi:
-        scene = _mitsuba_scene(mi, mesh)
+        scene = mitsuba_meshes(mi, [mesh])
         for kind, ray in rays.items():
             dr.eval(ray)
-            other = mi.Ray3f(mi.Point3f(ray.o), mi.Vector3f(ray.d))
-            other.maxt = ray.tmax + dr.zeros(types("float32").Float, len(ray))
-            dr.eval(other)
-            tasks: dict[Any, Callable[[], Any]] = {
-                coherent: _mitsuba_task(scene, other, kind == "shadow", coherent) for coherent in (True, False)
-            }
-            tasks |= {name: _our_task(structure, ray, kind == "shadow") for name, structure in built.items()}
-            best = _best_times(tasks, repeat)
+            tasks: dict[Any, Callable[[], Any]] = dict(mitsuba_tasks(mi, scene, ray, kind == "shadow"))
+            tasks |= {name: our_task(structure, ray, kind == "shadow") for name, structure in built.items()}
+            best = best_times(tasks, repeat)
             coherent = best[True] <= best[False]
             for name in structures:
                 rate = len(ray) / 1e6
@@ -107,18 +110,29 @@ def ray_speed(
     return rows
 
 
-def _best_times(tasks: dict[Any, Callable[[], Any]], repeat: int) -> dict[Any, float]:
+def best_times(tasks: dict[Any, Callable[[], Any]], repeat: int, longest: float = np.inf) -> dict[Any, float]:
+    """The seconds of each task's best run of ``repeat``, all in turn; fewer runs, but one, when ``longest`` seconds are
+    over."""
     best = dict.fromkeys(tasks, np.inf)
-    for _ in range(repeat + 1):  # the first run compiles and is never the best
+    end = np.inf
+    for turn in range(repeat + 1):
         for key, task in tasks.items():
             begin = time.perf_counter()
             dr.eval(task())
             dr.sync_thread()
-            best[key] = min(best[key], time.perf_counter() - begin)
+            # The first run compiles.
+            if turn:
+                best[key] = min(best[key], time.perf_counter() - begin)
+        if turn == 0:
+            end = time.perf_counter() + longest
+        elif time.perf_counter() > end:
+            break
     return best
 
 
-def _our_task(structure: Structure, ray: Ray, shadow: bool) -> Callable[[], Any]:
+def our_task(structure: Structure, ray: Ray, shadow: bool) -> Callable[[], Any]:
+    """What is timed of ours: everything that a query returns of geometry, or occlusion alone."""
+
     def task() -> Any:
         if shadow:
             return structure.occluded(ray)
@@ -126,6 +140,14 @@ def _our_task(structure: Structure, ray: Ray, shadow: bool) -> Callable[[], Any]
         return hit.t, hit.prim, hit.uv
 
     return task
+
+
+def mitsuba_tasks(mi: Any, scene: Any, ray: Ray, shadow: bool) -> dict[bool, Callable[[], Any]]:
+    """What is timed of Mitsuba on the same rays: both answers to ``coherent``."""
+    theirs = mi.Ray3f(mi.Point3f(ray.o), mi.Vector3f(ray.d))
+    theirs.maxt = ray.tmax + dr.zeros(types("float32").Float, len(ray))
+    dr.eval(theirs)
+    return {coherent: _mitsuba_task(scene, theirs, shadow, coherent) for coherent in (True, False)}
 
 
 def _mitsuba_task(scene: Any, ray: Any, shadow: bool, coherent: bool) -> Callable[[], Any]:
@@ -138,13 +160,17 @@ def _mitsuba_task(scene: Any, ray: Any, shadow: bool, coherent: bool) -> Callabl
     return task
 
 
-def _mitsuba_scene(mi: Any, mesh: TriangleMesh) -> Any:
-    made = mi.Mesh("mesh", len(mesh.vertices), len(mesh.faces))
-    params = mi.traverse(made)
-    params["vertex_positions"] = mesh.vertices.astype(np.float32).ravel()
-    params["faces"] = mesh.faces.ravel()
-    params.update()
-    return mi.load_dict({"type": "scene", "mesh": made})
+def mitsuba_meshes(mi: Any, meshes: Sequence[TriangleMesh]) -> Any:
+    """A Mitsuba scene of these triangles."""
+    shapes = {}
+    for k, mesh in enumerate(meshes):
+        made = mi.Mesh(f"mesh{k}", len(mesh.vertices), len(mesh.faces))
+        params = mi.traverse(made)
+        params["vertex_positions"] = mesh.vertices.astype(np.float32).ravel()
+        params["faces"] = mesh.faces.ravel()
+        params.update()
+        shapes[f"mesh{k}"] = made
+    return mi.load_dict({"type": "scene", **shapes})
 
 
 def as_table(rows: Sequence[RaySpeed]) -> str:
