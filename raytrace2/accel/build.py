@@ -16,6 +16,7 @@ from .bounding_volumes import BoundingVolumes, BoundingVolumesConfig
 from .bvh import Bvh, BvhConfig
 from .grid import Grid, GridConfig
 from .hierarchical_grid import HierarchicalGrid, HierarchicalGridConfig
+from .kdtree import KdTreeConfig, KdTreeStructure
 
 
 def _brute_force(geometry: Geometry, **options: Any) -> Structure:
@@ -40,12 +41,17 @@ def _hierarchical_grid(geometry: Geometry, **options: Any) -> Structure:
     return HierarchicalGrid(geometry, HierarchicalGridConfig(**options))
 
 
+def _kdtree(geometry: Geometry, **options: Any) -> Structure:
+    return KdTreeStructure(geometry, KdTreeConfig(**options))
+
+
 _KINDS: dict[str, Callable[..., Structure]] = {
     "brute_force": _brute_force,
     "bounding_volumes": _bounding_volumes,
     "bvh": _bvh,
     "grid": _grid,
     "hierarchical_grid": _hierarchical_grid,
+    "kdtree": _kdtree,
 }
 
 
