@@ -24,7 +24,7 @@ MOST_CELLS = 1 << 24
 class GridConfig:
     """``density``: cells a primitive; ``max_cells``: the most there may be in all, four bytes each."""
 
-    density: float = 8.0
+    density: float = 4.0
     max_cells: int = MOST_CELLS
 
     def __post_init__(self) -> None:
@@ -50,7 +50,8 @@ class GridStructure(Structure):
         if parts is not None and (absent := (parts.lo > parts.hi).any(axis=1)).any():
             # A structure over nothing has a box that encloses nothing.
             parts = parts.reordered(np.flatnonzero(~absent))
-        found: dict[str, Any] = dict.fromkeys(("primitives", "references", "nodes", "leaves", "depth", "bytes", "sah_cost"), 0)
+        keys = ("primitives", "references", "duplication", "nodes", "leaves", "depth", "bytes", "sah_cost")
+        found: dict[str, Any] = dict.fromkeys(keys, 0)
         if parts is not None and len(parts):
             self._grids, found = build_grids(parts, rule)
         seconds = time.perf_counter() - begin
@@ -67,9 +68,10 @@ class GridStructure(Structure):
         return grid_walk.anything(self._grids, ray, dr.width((root, active)), active)
 
     def statistics(self) -> dict[str, Any]:
-        """Counts of primitives, references to them from cells, grids (``nodes``), cells, cells with a list (``leaves``),
-        levels (``depth``), bytes on the device, the seconds that the build took, and what a random ray through all of
-        the outermost grid is expected to meet: ``expected_cells``, ``expected_primitives`` and their sum, ``sah_cost``."""
+        """Counts of primitives, references to them from cells, grids (``nodes``), cells, cells with a list (``leaves``)
+        and levels (``depth``), bytes on the device, the seconds that the build took, and what a random ray through all
+        of the outermost grid would meet if it stopped nowhere and crossed empty space cell by cell:
+        ``expected_cells``, ``expected_primitives`` and their sum, ``sah_cost``."""
         return dict(self._statistics)
 
 

@@ -1,8 +1,8 @@
 """The walk of rays from so far away that rounding moves them by more than cells are widened: all cells of a beam.
 
-The beam is cut in slices, one for every layer of cells across the ray's largest component, nearest first; of each slice
-the cells of a rectangle are visited. State is the cell alone, its second index -1 before the first of a slice; so there are
-no more turns than cells and layers.
+The beam is cut in slices, one for every layer of cells across the ray's largest component, nearest first; of each
+slice the cells of a rectangle are visited. State is the cell alone, its second index -1 before the first of a slice; so
+there are no more turns than cells and layers.
 """
 
 from __future__ import annotations
@@ -23,9 +23,7 @@ def first_slice(ray: WalkRay, frame: Frame) -> list[Any]:
     return _placed(x, y, end, type(end)(-1), type(end)(0))
 
 
-def next_cell(
-    ray: WalkRay, frame: Frame, radius: Any, place: list[Any], limit: Any
-) -> tuple[list[Any], Any, Any]:
+def next_cell(ray: WalkRay, frame: Frame, radius: Any, place: list[Any], limit: Any) -> tuple[list[Any], Any, Any]:
     """The place after ``place``, whether it is a cell (or still before one), and whether the beam has left the grid or
     come past ``limit`` (an s). ``radius`` is the beam's."""
     x, y = _largest(ray)
@@ -36,8 +34,8 @@ def next_cell(
     one = dr.fma(layer - wide, slope, base)
     other = dr.fma(layer + 1 + wide, slope, base)
     begin, end = lesser(one, other), greater(one, other)
-    row_0, row_1, empty = _range(frame, ray, radius, begin, end, [dr.select(x, b, a) for a, b in _axes(frame, 0, 1)])
-    cell_0, cell_1, nothing = _range(frame, ray, radius, begin, end, [dr.select(x | y, b, a) for a, b in _axes(frame, 1, 2)])
+    row_0, row_1, empty = _range(radius, begin, end, *(dr.select(x, b, a) for a, b in _axes(frame, 0, 1)))
+    cell_0, cell_1, nothing = _range(radius, begin, end, *(dr.select(x | y, b, a) for a, b in _axes(frame, 1, 2)))
     fresh = row < 0
     row, cell = dr.select(fresh, row_0, row), dr.select(fresh, cell_0, cell + 1)
     wraps = cell > cell_1
@@ -74,10 +72,9 @@ def _axes(frame: Frame, a: int, b: int) -> list[tuple[Any, Any]]:
 
 
 def _range(
-    frame: Frame, ray: WalkRay, radius: Any, begin: Any, end: Any, axis: list[Any]
+    radius: Any, begin: Any, end: Any, speed: Any, origin: Any, cells: Any, per_step: Any
 ) -> tuple[Any, Any, Any]:
-    """The first and last cell along an axis that the beam covers from ``begin`` to ``end``, and whether there is none."""
-    speed, origin, cells, per_step = axis
+    """The first and last cell along an axis that the beam covers from ``begin`` to ``end``; whether there is none."""
     one, other = dr.fma(begin, speed, origin), dr.fma(end, speed, origin)
     wide = radius * per_step
     low, high = dr.floor(lesser(one, other) - wide), dr.floor(greater(one, other) + wide)

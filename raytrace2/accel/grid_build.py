@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,10 +12,10 @@ import numpy as np
 from ..buffers import owned
 from ..surfaces import record
 from ..surfaces.primitives import Primitives
-from .grid_cells import INNER, LAST, MOST
+from .grid_cells import FULL, INNER, LAST, MOST
 from .grid_fill import Level, fill
 from .grid_frame import ERROR, NEAR
-from .grid_lattice import Extents, Lattices
+from .grid_lattice import WORDS, Extents, Lattices
 from .grid_overlap import Subjects
 from .grid_walk import DeviceGrids
 
@@ -37,8 +38,9 @@ class Rule:
 
 @dataclass(frozen=True, eq=False)
 class _Box:
-    """Where the outermost grid lies: the map x -> (x - ``origin``) ``scale`` takes its longest side to between 1/2 and 1;
-    ``size`` and ``margin`` (by which cells are widened) in those units; ``near``: how far origins may be."""
+    """Where the outermost grid lies: the map x -> (x - ``origin``) ``scale`` takes the longest side of all to between
+    1/2 and 1. In those units the grid is of ``size``: on every side it reaches beyond all by twice ``margin``, by which
+    cells are widened; ``near`` is how far origins may be."""
 
     origin: np.ndarray
     scale: float
@@ -57,7 +59,7 @@ class _Box:
         size = (hi - lo) * scale
         near = NEAR * max(float(size.sum()), longest * scale)
         margin = ERROR * parts.types.epsilon * near
-        return _Box(lo - 2 * margin / scale, scale, size + 4 * margin, margin, near)
+        return _Box(lo, scale, size + 4 * margin, margin, near)
 
 
 def build_grids(parts: Primitives, rule: Rule) -> tuple[DeviceGrids, dict[str, Any]]:
@@ -72,31 +74,50 @@ def build_grids(parts: Primitives, rule: Rule) -> tuple[DeviceGrids, dict[str, A
     least = max(LEAST_CELL * box.margin, rule.min_cell * float(box.size.max()))
     levels = [_outermost(subjects, sides, solid, box, rule, least)]
     for density in rule.density[1 : rule.levels]:
-        level = _inner(subjects, sides * box.size, solid, levels, density, rule, least)
+        level = _inner(subjects, sides, solid, box, levels, density, rule, least)
         if level is None:
             break
         levels.append(level)
-    lattices, held, words, entries = levels[0].lattices, 0, [], []
-    for k, level in enumerate(levels):
-        if k:
-            lattices = lattices.followed_by(level.lattices)
-        full = level.words >= 1 << 31
-        words.append(np.where(full, level.words + np.uint32(held), level.words))
-        entries.append(level.entries)
-        held += len(level.entries)
-    if held + len(parts) >= MOST:
-        raise ValueError(f"grids hold at most {MOST} references, not {held + len(parts)}: lower the density")
+    lattices = functools.reduce(Lattices.followed_by, (level.lattices for level in levels))
+    words = np.empty(lattices.end, np.uint32)
     everything = np.arange(len(parts), dtype=np.uint32)
     everything[-1] |= LAST
-    entries.append(everything)
-    opaque = [dr.opaque(types.Float, float(x)) for x in (*origin, box.scale, box.size.sum(), box.near)]
-    tilt = dr.opaque(types.Float, max(level.tilt for level in levels))
+    held = sum(len(level.prims) for level in levels)
+    if held + len(parts) >= MOST:
+        raise ValueError(f"grids hold at most {MOST} references, not {held + len(parts)}: lower the density")
+    before = inner = 0
+    for level in levels:
+        words[level.start : level.lattices.end] = level.clear
+        words[level.cell] = FULL | (before + level.begin)
+        before += len(level.prims)
+        # All but the outermost of the grids so far are in a cell of the level before.
+        grid = inner + np.arange(len(level.lattices))
+        if inner:
+            outer = level.lattices.parent
+            place, shape = level.lattices.place, lattices.cells[outer]
+            cell = lattices.first[outer] + (place[:, 0] * shape[:, 1] + place[:, 1]) * shape[:, 2] + place[:, 2]
+            words[cell] = INNER | grid
+        inner += len(grid)
+    entries = np.concatenate([*(level.entries() for level in levels), everything])
+
+    def opaque(value: float) -> Any:
+        return dr.opaque(types.Float, float(value))
+
     grids = DeviceGrids(
-        types, lattices.upload(types), owned(np.concatenate(words), types.UInt),
-        owned(np.concatenate(entries), types.UInt), dr.opaque(types.UInt, held), device, types.Array3f(*opaque[:3]), opaque[3], opaque[4], opaque[5], tilt,
+        types,
+        lattices=lattices.upload(types),
+        words=owned(words, types.UInt),
+        lists=owned(entries, types.UInt),
+        all=dr.opaque(types.UInt, held),
+        primitives=device,
+        origin=types.Array3f(*map(opaque, origin)),
+        scale=opaque(box.scale),
+        size=opaque(box.size.sum()),
+        near=opaque(box.near),
+        tilt=opaque(max(level.tilt for level in levels)),
         nested=len(levels) > 1,
-    )  # fmt: skip
-    size = sum(w.nbytes for w in words) + 4 * held + parts.records.nbytes + lattices.first.size * 64
+    )
+    size = words.nbytes + entries.nbytes + parts.records.nbytes + len(lattices) * WORDS * parts.records.itemsize
     return grids, _describe(levels, len(parts), size)
 
 
@@ -114,7 +135,7 @@ def _outermost(
 ) -> Level:
     n = len(sides)
     none = np.zeros((1, 3), np.int64)
-    corner = none.astype(sides.dtype)
+    corner = np.full((1, 3), -2 * box.margin, sides.dtype)
 
     def make(cells: np.ndarray) -> Lattices:
         return Lattices.make(corner, box.size[None], cells, 0, none[:, 0], none)
@@ -129,6 +150,7 @@ def _inner(
     subjects: Subjects,
     sides: np.ndarray,
     solid: np.ndarray | None,
+    box: _Box,
     levels: list[Level],
     density: float,
     rule: Rule,
@@ -137,59 +159,55 @@ def _inner(
     """A grid in every cell of the last level that holds too many, noted there; None if no cell does."""
     outer = levels[-1]
     before = sum(len(level.lattices) for level in levels)
-    outer_start = int(outer.lattices.first[0])
     step = outer.lattices.step.astype(np.float64)
     parent, _ = outer.lattices.where(outer.cell)
-    chosen = np.flatnonzero((outer.count > rule.most_in_cell) & (step[parent].max(axis=1) >= 2 * least))
+    many = (outer.count > rule.most_in_cell) & (step[parent].max(axis=1) >= 2 * least)
+    chosen = np.flatnonzero(many)
     if len(chosen) == 0:
         return None
     parent, place = outer.lattices.where(outer.cell[chosen])
     size = step[parent]
     corner = (outer.lattices.corner[parent] + place * size).astype(sides.dtype)
     count = outer.count[chosen]
-    grid = np.repeat(np.arange(len(chosen)), count)
-    rank = np.arange(len(grid)) - np.repeat(np.cumsum(count) - count, count)
-    prim = outer.prims[np.repeat(outer.begin[chosen], count) + rank]
-    within = np.minimum(sides[prim] / size[grid], 1)
-    extents = Extents.of_each(within, None if solid is None else solid[prim], grid, len(chosen))
+    grid = np.repeat(np.arange(len(chosen), dtype=np.uint32), count)
+    prim = outer.list_of(chosen)
+    within = np.minimum(sides[prim] * (box.size / size).astype(sides.dtype)[grid], 1)
+    extents = Extents.of_each(within, None if solid is None else solid[prim], count)
     outermost = before - len(outer.lattices)
 
     def make(cells: np.ndarray) -> Lattices:
         return Lattices.make(corner, size, cells, outer.lattices.end, parent + outermost, place)
 
     target = np.clip(density * count, 1, rule.max_cells)
-    level = fill(subjects, prim, grid.astype(np.uint32), make, size, extents, target, least)
-    outer.words[outer.cell[chosen] - outer_start] = INNER | (before + np.arange(len(chosen), dtype=np.uint32))
+    level = fill(subjects, prim, grid, make, size, extents, target, least)
+    levels[-1] = outer.without(many)
     return level
 
 
 def _describe(levels: list[Level], primitives: int, size: int) -> dict[str, Any]:
-    cells = sum(len(level.words) for level in levels)
-    full = sum(int(np.count_nonzero(level.words >= 1 << 31)) for level in levels)
-    references = sum(int(level.count[level.words[level.cell - level.lattices.first[0]] >= 1 << 31].sum()) for level in levels)
+    references = sum(len(level.prims) for level in levels)
     outermost = levels[0].lattices
     whole = _area(outermost.step[0] * outermost.cells[0])
     walked = tested = 0.0
     for level in levels:
         area = _area(level.lattices.step) / whole
         walked += float((area * level.lattices.cells.prod(axis=1)).sum())
-        leaf = level.words[level.cell - level.lattices.first[0]] >= 1 << 31
-        grid, _ = level.lattices.where(level.cell[leaf])
-        tested += float((area[grid] * level.count[leaf]).sum())
+        grid = level.lattices.where(level.cell)[0] if len(level.lattices) > 1 else np.zeros(len(level.cell), np.int64)
+        tested += float((area[grid] * level.count).sum())
     return {
         "primitives": primitives,
         "references": references,
-        "duplication": references / max(1, primitives),
-        "cells": cells,
-        "leaves": full,
+        "duplication": references / primitives,
         "nodes": sum(len(level.lattices) for level in levels),
+        "leaves": sum(len(level.cell) for level in levels),
         "depth": len(levels),
-        "resolution": tuple(int(k) for k in outermost.cells[0]),
-        "longest_list": max(int(level.count.max(initial=0)) for level in levels),
+        "bytes": int(size),
+        "sah_cost": walked + tested,
         "expected_cells": walked,
         "expected_primitives": tested,
-        "sah_cost": walked + tested,
-        "bytes": int(size),
+        "cells": sum(len(level.clear) for level in levels),
+        "resolution": tuple(int(k) for k in outermost.cells[0]),
+        "longest_list": max(int(level.count.max(initial=0)) for level in levels),
     }
 
 

@@ -1,9 +1,9 @@
 """What cells hold, a word each, and the lists of primitives that the words point to.
 
-A word with the bit :data:`FULL` holds the position of its list; one with :data:`INNER` the number of the grid that fills
-the cell; any other cell is empty, and so are all cells of its grid up to that many away along every axis, which a ray
-crosses in one step (proximity clouds: Cohen and Sheffer, "Proximity clouds", The Visual Computer 11, 1994). An
-entry of a list is a primitive's index, with :data:`LAST` on the last.
+A word with the bit :data:`FULL` holds the position of its list; one with :data:`INNER` the number of the grid that
+fills the cell; any other cell is empty, and so are all cells of its grid up to that many away along every axis, which a
+ray crosses in one step (Cohen and Sheffer, "Proximity clouds", The Visual Computer 11, 1994). An entry of a list is a
+primitive's index, with :data:`LAST` on the last.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ NUMBER = 0x3FFFFFFF
 MOST = 1 << 30
 
 
-def sorted_pairs(cells: np.ndarray, prims: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs (n,), (n,) of 32-bit numbers, by cell and then by primitive."""
-    keys = np.sort(cells.astype(np.uint64) << np.uint64(32) | prims.astype(np.uint64))
-    return (keys >> np.uint64(32)).astype(np.uint32), keys.astype(np.uint32)
+def sorted_pairs(pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The upper and the lower halves of numbers ``pairs`` (n,) uint64, by size."""
+    pairs = np.sort(pairs)
+    return (pairs >> np.uint64(32)).astype(np.uint32), pairs.astype(np.uint32)
 
 
 def runs(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -29,8 +29,8 @@ def runs(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def clear_distances(full: np.ndarray, shapes: np.ndarray, first: np.ndarray) -> np.ndarray:
-    """For every cell how many cells away, along every axis and within its grid, all are empty: uint8, 0 where the next
-    may be full. ``full`` (n,) bool; ``shapes`` (m, 3) cells of the grids; ``first`` (m,) the number of their first."""
+    """For every cell how many cells away, along every axis and within its grid, all are surely empty: uint8, 0 where
+    the next may be full. ``full`` (n,) bool; ``shapes`` (m, 3) cells of the grids; ``first`` (m,) their first cell."""
     result = np.zeros(len(full), np.uint8)
     kinds, which = np.unique(shapes, axis=0, return_inverse=True)
     for kind, (nx, ny, nz) in enumerate(kinds):
@@ -47,22 +47,34 @@ def clear_distances(full: np.ndarray, shapes: np.ndarray, first: np.ndarray) -> 
 
 
 def _clear(full: np.ndarray) -> np.ndarray:
-    """The distances in grids (m, x, y, z); what is outside counts as full. Each round moves the full cells' frontier on
-    by one along every axis."""
-    blocked = np.ones(tuple(n + 2 * (k > 0) for k, n in enumerate(full.shape)), bool)
-    inside = (slice(None), *[slice(1, -1)] * 3)
-    blocked[inside] = full
+    """The distances in grids (m, x, y, z), rounded down to 0, 1, 3, 7, ... 127; what is outside counts as full.
+
+    Where nothing within r is full the cell is clear; a cell is clear up to 2 r + 1 if those r + 1 away on either side
+    along every axis are clear up to r.
+    """
     found = np.zeros(full.shape, np.uint8)
-    for _ in range(255):
+    radius = 0
+    while 4 * radius + 3 <= min(full.shape[1:]) and radius < 127:
+        step = radius + 1
         for axis in (1, 2, 3):
-            low = tuple(slice(None, -1) if k == axis else slice(None) for k in range(4))
-            high = tuple(slice(1, None) if k == axis else slice(None) for k in range(4))
-            spread = blocked.copy()
-            spread[low] |= blocked[high]
-            spread[high] |= blocked[low]
-            blocked = spread
-        clear = ~blocked[inside]
+            full = _spread(full, axis, step)
+        radius += step
+        clear = ~full
         if not clear.any():
             break
-        found += clear
+        np.maximum(found, clear * np.uint8(radius), out=found)
     return found
+
+
+def _spread(full: np.ndarray, axis: int, step: int) -> np.ndarray:
+    """``full`` or so ``step`` cells before or after along ``axis``."""
+
+    def part(cut: slice) -> tuple[slice, ...]:
+        return tuple(cut if k == axis else slice(None) for k in range(4))
+
+    spread = full.copy()
+    spread[part(slice(None, -step))] |= full[part(slice(step, None))]
+    spread[part(slice(step, None))] |= full[part(slice(None, -step))]
+    spread[part(slice(None, step))] = True
+    spread[part(slice(-step, None))] = True
+    return spread

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..buffers import owned
-from .grid_cells import FULL, LAST, MOST, clear_distances, runs, sorted_pairs
+from .grid_cells import LAST, MOST, clear_distances, runs, sorted_pairs
 from .grid_lattice import Extents, Lattices, choose_cells
 from .grid_overlap import Subjects, overlaps
 
@@ -18,18 +18,42 @@ DUPLICATION, LEAST_REFERENCES = 8, 64
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """Grids and their cells' ``words`` (c,), whose lists are runs of ``prims`` (n,) and ``entries`` (n,), the same with the
-    last of each list marked. Run r begins at ``begin[r]``, has ``count[r]`` and belongs to cell ``cell[r]``. ``tilt``
-    is for rays from afar."""
+    """Grids and what is in their cells. Run r of ``prims`` (n,) begins at ``begin[r]``, has ``count[r]`` of them and is
+    the list of cell ``cell[r]``. ``clear`` (c,) uint8 tells how far around each cell all is empty. ``tilt`` is for rays
+    from afar."""
 
     lattices: Lattices
-    words: np.ndarray
     prims: np.ndarray
-    entries: np.ndarray
     begin: np.ndarray
     count: np.ndarray
     cell: np.ndarray
+    clear: np.ndarray
     tilt: float
+
+    @property
+    def start(self) -> int:
+        """The number of the first cell."""
+        return int(self.lattices.first[0])
+
+    def list_of(self, run: np.ndarray) -> np.ndarray:
+        """The primitives of runs ``run``, one after the other."""
+        count = self.count[run]
+        rank = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+        return self.prims[np.repeat(self.begin[run], count) + rank]
+
+    def without(self, run: np.ndarray) -> Level:
+        """The level without the lists ``run`` (bool)."""
+        kept = np.flatnonzero(~run)
+        count = self.count[kept]
+        return replace(
+            self, prims=self.list_of(kept), begin=np.cumsum(count) - count, count=count, cell=self.cell[kept]
+        )
+
+    def entries(self) -> np.ndarray:
+        """The lists as rays read them: the last of each is marked."""
+        entries = self.prims.copy()
+        entries[self.begin + self.count - 1] |= np.uint32(LAST)
+        return entries
 
 
 def fill(
@@ -57,15 +81,12 @@ def fill(
         if target.max() <= 1:
             raise ValueError(f"grids hold at most {MOST} references: build several structures instead")
         target = np.maximum(target // 2, 1)
-    cells, lanes, tilt = found
+    pairs, tilt = found
     start = int(lattices.first[0])
-    cell_of, of = sorted_pairs(cells.numpy(), prim[lanes.numpy()])
+    cell_of, of = sorted_pairs(pairs)
     begin, count = runs(cell_of)
-    entries = of.copy()
-    entries[begin + count - 1] |= np.uint32(LAST)
     cell = cell_of[begin].astype(np.int64)
     full = np.zeros(lattices.end - start, bool)
     full[cell - start] = True
-    words = clear_distances(full, lattices.cells, lattices.first - start).astype(np.uint32)
-    words[cell - start] = np.uint32(FULL) | begin.astype(np.uint32)
-    return Level(lattices, words, of, entries, begin, count, cell, tilt)
+    clear = clear_distances(full, lattices.cells, lattices.first - start)
+    return Level(lattices, of, begin, count, cell, clear, tilt)

@@ -4,10 +4,11 @@ Along a ray, time is counted as s = t |d| scale, with |d| the largest component 
 grids' coordinates, so that no wall is crossed at a time out of range however long or short d is. Positions and times
 are computed from a cell's place, never summed up from step to step: no error grows on the way.
 
-With round-off e and a ray whose origin is at most R (the sum over the axes) from a grid's farthest corner, a position or a
-wall at a given time is off by less than 8 e R, a hit's position by less than 20 e R, and the least component to which a
-direction is clamped adds at most e R: together less than :data:`ERROR` e R. Cells are filled as though they were larger
-by as much for rays from up to R = :data:`NEAR` sides of the box around all; rays from beyond that walk more cells.
+With round-off e and a ray whose origin is at most R (the sum over the axes) from a grid's farthest corner, a position
+or a wall at a given time is off by less than 8 e R, a hit's position by less than 20 e R, and the least component to
+which a direction is clamped adds at most e R: together less than :data:`ERROR` e R. Cells are filled as though they
+were larger by as much for R up to :data:`NEAR` times the sum of the sides of the box around all; rays from beyond that
+walk all cells of a beam (:mod:`.grid_beam`).
 """
 
 from __future__ import annotations

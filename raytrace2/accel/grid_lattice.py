@@ -77,9 +77,9 @@ class Lattices:
 
 @dataclass(frozen=True)
 class Extents:
-    """Sums over the primitives of each of m grids: how many there are (m,), and of products of the sides of their boxes,
-    in units of the grid's own: singly (m, 3), in pairs xy, yz, zx (m, 3) and, for those met by their box alone, of all
-    three (m,)."""
+    """Sums over the primitives of each of m grids: how many there are (m,), and of products of the sides of their
+    boxes, in units of the grid's own: singly (m, 3), in pairs xy, yz, zx (m, 3) and, for those met by their box alone,
+    of all three (m,)."""
 
     count: np.ndarray
     lengths: np.ndarray
@@ -95,16 +95,17 @@ class Extents:
         return Extents(np.array([float(len(sides))]), lengths[None], pairs[None], np.array([volume]))
 
     @staticmethod
-    def of_each(sides: np.ndarray, solid: np.ndarray | None, grid: np.ndarray, m: int) -> Extents:
-        """The same where ``grid`` (n,) says to which of ``m`` grids each box belongs."""
+    def of_each(sides: np.ndarray, solid: np.ndarray | None, count: np.ndarray) -> Extents:
+        """The same where the first ``count[0]`` boxes are in one grid, the next ``count[1]`` in another, and so on."""
+        begin = np.cumsum(count) - count
 
-        def total(values: np.ndarray | None) -> np.ndarray:
-            return np.bincount(grid, weights=values, minlength=m).astype(np.float64)
+        def total(values: np.ndarray) -> np.ndarray:
+            return np.add.reduceat(values, begin).astype(np.float64)
 
-        x, y, z = sides.astype(np.float64).T
-        volumes = np.zeros(m) if solid is None else total(np.where(solid, x * y * z, 0))
+        x, y, z = np.ascontiguousarray(sides.T)
+        volumes = np.zeros(len(count)) if solid is None else total(np.where(solid, x * y * z, 0))
         pairs = np.stack([total(x * y), total(y * z), total(z * x)], axis=1)
-        return Extents(total(None), np.stack([total(k) for k in (x, y, z)], axis=1), pairs, volumes)
+        return Extents(count.astype(np.float64), np.stack([total(k) for k in (x, y, z)], axis=1), pairs, volumes)
 
     def references(self, cells: np.ndarray) -> np.ndarray:
         """How many references grids of ``cells`` (m, 3) should hold.

@@ -1,15 +1,15 @@
 """Which primitives meet which cells: counted and then listed by one kernel each, a lane a primitive.
 
-A primitive is met by the cells that its box meets, a triangle only by those that its plane meets too (Akenine-Moeller,
-"Fast 3D triangle-box overlap testing", 2001, whose remaining nine axes, across the edges, are left out on purpose: a
-ray in or near a triangle's plane sees it edge-on, and the weights of the corners, from which t is interpolated, are then
-rounding errors. Such a hit lies on the plane and in the box, but it may lie beside the triangle.)
+A primitive is met by the cells that its box meets, a triangle only by those that its plane meets too (by separating
+axes: Akenine-Moeller, "Fast 3D triangle-box overlap testing", 2001). The nine axes across the edges are left out on
+purpose. To a ray in or near its plane a triangle is edge-on, and the weights of its corners, from which t is
+interpolated, are rounding errors: the hit that every structure must find may lie in the plane beside the triangle.
 
-How far from the plane: with round-off e, a triangle of longest side L and area A, and an origin at most R away, corners
-as the ray test sees them are within 4 e R of where they are, which tilts the plane and at a distance of L from the
-triangle moves it by at most 4 e R (1 + 2 L^2 / A); edge functions are within 2 e L^2 of the truth each, which moves the hit
-off the plane by at most 4 e L L^2 / A, and the normal below is as exact as that. :data:`PLANE_ERROR` e (R + L) (1 + 2 L^2 /
-A) is more than their sum.
+How far from the plane may it lie? With round-off e, a triangle of longest side L and area A, and an origin at most R
+away, corners as the ray test sees them are within 4 e R of where they are, which tilts the plane and at a distance of L
+from the triangle moves it by at most 4 e R (1 + 2 L^2 / A); edge functions are within 2 e L^2 of the truth each, which
+moves the hit off the plane by at most 4 e L L^2 / A, and the normal below is as exact as that. :data:`PLANE_ERROR` e
+(R + L) (1 + 2 L^2 / A) is more than their sum.
 """
 
 from __future__ import annotations
@@ -73,9 +73,9 @@ class _Span:
     first: Any
 
 
-def overlaps(subjects: Subjects, lattices: Any, prim: Any, grid: Any, most: int) -> tuple[Any, Any, float] | None:
-    """Every pair of a cell and a primitive that meet: cells, positions in ``prim``, and the largest 2 L^2 / A of the
-    triangles that their plane kept out of a cell. None if there are more than ``most``.
+def overlaps(subjects: Subjects, lattices: Any, prim: Any, grid: Any, most: int) -> tuple[np.ndarray, float] | None:
+    """Every pair of a cell and a primitive that meet, as uint64 numbers with the cell in the upper half, and the
+    largest 2 L^2 / A of triangles that their plane may have kept out of a cell. None if there are more than ``most``.
 
     ``prim`` and ``grid`` (n,) UInt are the primitives and the grids that each is put into; ``lattices`` their words.
     """
@@ -98,16 +98,17 @@ def overlaps(subjects: Subjects, lattices: Any, prim: Any, grid: Any, most: int)
     total = int(count[0])
     if total > most:
         return None
-    cells, lanes = dr.empty(UInt, max(1, total)), dr.empty(UInt, max(1, total))
-    lane = dr.arange(UInt, dr.width(prim))
+    if total == 0:
+        return np.zeros(0, np.uint64), 0.0
+    pairs = dr.empty(types.UInt64, total)
+    low = types.UInt64(prim)
     place = dr.cumsum(found) - found
     dr.eval(place)
 
     def write(i: Any, j: Any, k: Any, end: Any, at: Any) -> tuple[Any, ...]:
         here = k <= end
         cell = span.first + UInt(dr.fma(dr.fma(i, span.cells[1], j), span.cells[2], k))
-        dr.scatter(cells, cell, at, here)
-        dr.scatter(lanes, lane, at, here)
+        dr.scatter(pairs, (types.UInt64(cell) << 32) | low, at, here)
         at, k = dr.select(here, at + 1, at), k + 1
         over = k > end
         wraps = j >= span.high[1]
@@ -119,15 +120,15 @@ def overlaps(subjects: Subjects, lattices: Any, prim: Any, grid: Any, most: int)
     begin, end = _row(span, span.low[0], span.low[1])
     labels = ("i", "j", "k", "end", "at")
     dr.while_loop((*start[:2], begin, end, place), lambda i, *_: i <= span.high[0], write, labels=labels)
-    dr.eval(cells, lanes)
-    return cells, lanes, float(tilt[0])
+    return pairs.numpy(), float(tilt[0])
 
 
 def _span(subjects: Subjects, lattices: Any, prim: Any, grid: Any) -> _Span:
     types = subjects.types
     Float, Vector = types.Float, types.Array3f
     packet = dr.gather(types.ArrayXf, lattices, grid, shape=(WORDS, dr.width(grid)))
-    corner, step, per_step, cells = (Vector(*(packet[w + k] for k in range(3))) for w in (CORNER, STEP, PER_STEP, CELLS))
+    lattice = [Vector(packet[w], packet[w + 1], packet[w + 2]) for w in (CORNER, STEP, PER_STEP, CELLS)]
+    corner, step, per_step, cells = lattice
     words = record.load_words(subjects.primitives.buffer, prim, types)
     a, b, c = ((Vector(words[k : k + 3]) - subjects.origin) * subjects.scale for k in (0, 3, 6))
     if subjects.boxes is None:

@@ -1,9 +1,10 @@
 """The walk of rays through grids in one symbolic loop: a step or a primitive of each ray a turn.
 
-From cell to cell as in Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing" (Eurographics 1987), across
-the wall that is met first; in empty space several cells at once. A ray stops when its hit lies before the wall: every
-primitive whose hit lies there has been listed in a cell that it came through (:mod:`.grid_frame` says why rounding does
-not matter).
+From cell to cell as in Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing" (Eurographics 1987),
+across the wall that is met first; in empty space several cells at once. A ray stops when its hit lies before the wall:
+every primitive whose hit lies there has been listed in a cell that it came through (:mod:`.grid_frame` says why
+rounding does not matter). Every step moves on along an axis and none moves back, so a walk takes no more steps than a
+grid has layers.
 """
 
 from __future__ import annotations
@@ -31,9 +32,10 @@ WIDE = 8
 
 @dataclass(frozen=True, eq=False)
 class DeviceGrids:
-    """Grids on the device: their words, those of their cells, lists, after which all primitives are listed from ``all`` on, primitives, the map to their coordinates, the sum
-    ``size`` of the outermost's sides in these, how far ``near`` origins may be, the largest ``tilt`` that kept a triangle
-    out of a cell, and whether grids are ``nested`` in cells."""
+    """Grids on the device: ``lattices``, ``words`` of their cells, ``lists``, where from ``all`` on every primitive is
+    listed once, the map x -> (x - ``origin``) ``scale`` to their coordinates, the sum ``size`` of the outermost's
+    sides, how far ``near`` origins may be, the largest ``tilt`` (2 L^2 / A, see :mod:`.grid_overlap`) of a triangle
+    kept out of a cell by its plane, and whether grids are ``nested`` in cells."""
 
     types: Types
     lattices: Any
@@ -104,7 +106,7 @@ def _walk(
     scans = ~(walk.radius * WIDE <= grids.size)
     at = dr.select(enters, dr.select(scans, grids.all, READ), DONE) + types.UInt(zero)
     after_list = dr.select(scans, types.UInt(DONE), STEP)
-    # An outermost grid that is the only one is entered here, once; inner ones on the way, at the time that is carried.
+    # The only grid is entered here; grids in grids on the way, at the time that is carried.
     place = [zero + 0 if grids.nested else p + zero for p in walk.root.cell_at(begin)]
     inner = (types.UInt(zero), begin + zero) if grids.nested else ()
 
@@ -147,9 +149,7 @@ def _start(grids: DeviceGrids, ray: LocalRay, farthest: Any, active: Any) -> tup
     return _Walk(grids, walker, root, ~(reach <= grids.near), radius, leaves), begin, (begin <= end) & active
 
 
-def _step(
-    walk: _Walk, limit: Any, at: Any, place: list[Any], clear: Any, inner: tuple[Any, ...]
-) -> tuple[Any, ...]:
+def _step(walk: _Walk, limit: Any, at: Any, place: list[Any], clear: Any, inner: tuple[Any, ...]) -> tuple[Any, ...]:
     """On to the next cell: the entry of its list, the grid in it, or how far around it all is empty."""
     grids = walk.grids
     types = grids.types

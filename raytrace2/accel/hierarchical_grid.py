@@ -11,14 +11,14 @@ from .grid_build import Rule
 
 @dataclass(frozen=True)
 class HierarchicalGridConfig:
-    """``levels``: 2 or 3; ``density``: cells a primitive in each inner grid; ``outer_density``: in the outermost;
+    """``levels``: 2 or 3; ``density``: cells a primitive in the innermost grids; ``outer_density``: in all others;
     ``max_in_cell``: a cell with more primitives is filled with a grid; ``min_cell``: unless its cells would be
     smaller than this, in units of the longest side of all; ``max_cells``: the most in one grid."""
 
     levels: int = 2
-    density: float = 8.0
-    outer_density: float = 0.25
-    max_in_cell: int = 4
+    density: float = 1.0
+    outer_density: float = 0.02
+    max_in_cell: int = 8
     min_cell: float = 0.0
     max_cells: int = MOST_CELLS
 
@@ -44,5 +44,5 @@ class HierarchicalGrid(GridStructure):
     def __init__(self, geometry: Geometry, config: HierarchicalGridConfig | None = None) -> None:
         self.config = config or HierarchicalGridConfig()
         c = self.config
-        density = (c.outer_density, *[c.density] * (c.levels - 1))
+        density = (*[c.outer_density] * (c.levels - 1), c.density)
         super().__init__(geometry, Rule(c.levels, density, c.max_cells, c.max_in_cell, c.min_cell))
