@@ -1,6 +1,6 @@
-"""Does every structure, and every combination of them, give what brute force gives, to the bit? Counts the rays on which
-they differ, for all combinations of tests/accel/combinations.py on scenes by formula: rays through shared edges, along
-axes, in the planes of splits and cell walls, from on surfaces and cells, from far away, and random ones.
+"""Does every structure, and every combination of them, give what brute force gives, to the bit? Counts the rays on
+which they differ, for all combinations of tests/accel/combinations.py on scenes by formula: rays through shared edges,
+along axes, in the planes of splits and cell walls, from on surfaces and cells, from far away, and random ones.
 
     python experiments/combinations.py [--rays 1000000] [--combinations WORD ...] [--scenes WORD ...]
                                        [--precision float32] [--out out/combinations]
@@ -87,7 +87,7 @@ def scenes() -> dict[str, Sequence[Surface]]:
 
 
 def compared(combination: listed.Combination, items: Sequence[Surface], precision: str, count: int) -> dict[str, Any]:
-    """On how many of ``count`` rays a combination differs from brute force, by field; ``failure`` if it cannot be had."""
+    """On how many of ``count`` rays a combination differs from brute force, by field; ``failure`` if there is none."""
     begin = time.perf_counter()
     totals = dict.fromkeys(("rays", "hits", *FIELDS), 0)
     try:
