@@ -81,21 +81,22 @@ def closest(tree: DeviceTree, ray: LocalRay, best: Candidate, root: Any, active:
     ready = tree.primitives.prepare(ray)
     walk = _Walk.of(tree, ray, ordered=True)
 
-    def visit(at: Any, group: Any, stack: Any, size: Any, best: Candidate) -> tuple[Any, ...]:
-        return _visit_node(walk, best.t, at, group, stack, size)
+    def visit(at: Any, group: Any, stack: Any, top: Any, best: Candidate) -> tuple[Any, ...]:
+        return _visit_node(walk, best.t, at, group, stack, top)
 
     def test(at: Any, best: Candidate) -> tuple[Any, Candidate]:
         best = tree.primitives.intersect_one(at & FIRST_MASK, ready, best)
         return _after_primitive(at), best
 
-    def turn(at: Any, group: Any, stack: Any, size: Any, best: Candidate) -> tuple[Any, ...]:
-        at, group, stack, size = dr.if_stmt((at, group, stack, size, best), at < NEXT, visit, lambda *s: s[:4])
+    def turn(at: Any, group: Any, stack: Any, top: Any, best: Candidate) -> tuple[Any, ...]:
+        best = best.counted(at < NEXT, nodes=1, volumes=tree.nodes.width) if best.counts is not None else best
+        at, group, stack, top = dr.if_stmt((at, group, stack, top, best), at < NEXT, visit, lambda *s: s[:4])
         at, best = dr.if_stmt((at, best), (at & LEAF) != 0, test, lambda *s: s)
-        at, group, stack, size = _next_child(walk, at, group, stack, size)
-        return at, group, stack, size, best
+        at, group, stack, top = _next_child(walk, at, group, stack, top)
+        return at, group, stack, top, best
 
     state = (*_start(tree, root, active), best)
-    labels = ("at", "group", "stack", "size", "best")
+    labels = ("at", "group", "stack", "top", "best")
     return dr.while_loop(state, lambda at, *_: at != DONE, turn, labels=labels, label="bvh closest")[-1]
 
 
@@ -104,54 +105,57 @@ def anything(tree: DeviceTree, ray: LocalRay, root: Any, active: Any) -> Any:
     ready = tree.primitives.prepare(ray)
     walk = _Walk.of(tree, ray, ordered=False)
 
-    def visit(at: Any, group: Any, stack: Any, size: Any, blocked: Any) -> tuple[Any, ...]:
-        return _visit_node(walk, ray.tmax, at, group, stack, size)
+    def visit(at: Any, group: Any, stack: Any, top: Any, blocked: Any) -> tuple[Any, ...]:
+        return _visit_node(walk, ray.tmax, at, group, stack, top)
 
     def test(at: Any, blocked: Any) -> tuple[Any, Any]:
         hit = tree.primitives.occludes_one(at & FIRST_MASK, ready)
         return dr.select(hit, DONE, _after_primitive(at)), blocked | hit
 
-    def turn(at: Any, group: Any, stack: Any, size: Any, blocked: Any) -> tuple[Any, ...]:
-        at, group, stack, size = dr.if_stmt((at, group, stack, size, blocked), at < NEXT, visit, lambda *s: s[:4])
+    def turn(at: Any, group: Any, stack: Any, top: Any, blocked: Any) -> tuple[Any, ...]:
+        at, group, stack, top = dr.if_stmt((at, group, stack, top, blocked), at < NEXT, visit, lambda *s: s[:4])
         at, blocked = dr.if_stmt((at, blocked), (at & LEAF) != 0, test, lambda *s: s)
-        at, group, stack, size = _next_child(walk, at, group, stack, size)
-        return at, group, stack, size, blocked
+        at, group, stack, top = _next_child(walk, at, group, stack, top)
+        return at, group, stack, top, blocked
 
     state = (*_start(tree, root, active), dr.full(tree.types.Bool, False, dr.width(root)))
-    labels = ("at", "group", "stack", "size", "blocked")
+    labels = ("at", "group", "stack", "top", "blocked")
     return dr.while_loop(state, lambda at, *_: at != DONE, turn, labels=labels, label="bvh anything")[-1]
 
 
 def _start(tree: DeviceTree, root: Any, active: Any) -> tuple[Any, ...]:
     UInt, width = tree.types.UInt, dr.width(root)
     zero = dr.zeros(UInt, width)
-    return dr.select(active, root, DONE) + zero, zero, dr.alloc_local(UInt, tree.stack_size), zero + 0
+    # The stack grows downwards from its length, which so is a number in the kernel: Dr.Jit 1.5.0 takes kernels that
+    # differ in nothing but the length of a local array for one and the same, and runs whichever it compiled first.
+    stack, top = dr.alloc_local(UInt, tree.stack_size), dr.full(UInt, tree.stack_size, width)
+    return dr.select(active, root, DONE) + zero, zero, stack, top
 
 
-def _visit_node(walk: _Walk, tmax: Any, at: Any, group: Any, stack: Any, size: Any) -> tuple[Any, ...]:
+def _visit_node(walk: _Walk, tmax: Any, at: Any, group: Any, stack: Any, top: Any) -> tuple[Any, ...]:
     """Tests the children of node ``at``: goes on to the nearest that is met and makes the others the group."""
     met, refs = walk.tree.nodes.visit(at, walk.ready, tmax)
     nearest, code = walk.order.split(met, refs, walk.octant)
     more = code != 0
     push = more & (group != 0)
-    stack.write(group, size, push)
-    size = dr.select(push, size + 1, size)
+    top = dr.select(push, top - 1, top)
+    stack.write(group, top, push)
     group = dr.select(more, (at << 8) | code, group)
-    return nearest, group, stack, size
+    return nearest, group, stack, top
 
 
-def _next_child(walk: _Walk, at: Any, group: Any, stack: Any, size: Any) -> tuple[Any, ...]:
+def _next_child(walk: _Walk, at: Any, group: Any, stack: Any, top: Any) -> tuple[Any, ...]:
     """Where a ray stands at NEXT: takes the next child of its group, or of the group on top of the stack, or is
     done."""
     needs = at == NEXT
-    pop = needs & (group == 0) & (size > 0)
-    size = dr.select(pop, size - 1, size)
-    group = dr.select(pop, stack.read(size, pop), group)
+    pop = needs & (group == 0) & (top < walk.tree.stack_size)
+    group = dr.select(pop, stack.read(top, pop), group)
+    top = dr.select(pop, top + 1, top)
     has = needs & (group != 0)
     slot, rest = walk.order.next(group, walk.octant)
     child = walk.tree.nodes.child(group >> 8, slot, has)
     at = dr.select(needs, dr.select(has, child, DONE), at)
-    return at, dr.select(has, rest, group), stack, size
+    return at, dr.select(has, rest, group), stack, top
 
 
 def _after_primitive(at: Any) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 
+import drjit as dr
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -340,3 +341,17 @@ def test_structures_over_nothing_take_no_part() -> None:
     ray = rt.Ray([[0.25, 0.25, 1.0]], [[0.0, 0.0, -1.0]])
     assert np.array(rt.accel.build([nothing, mesh]).intersect(ray).t)[0] == 1
     assert np.isinf(np.array(rt.accel.build([nothing]).intersect(ray).t)[0])
+
+
+def test_trees_of_other_depth_run_other_kernels() -> None:
+    """A kernel that is reused for a deeper tree would write past the end of its stack."""
+    ray = rt.Ray([[0, 0, 9]], [[0, 0, -1]])
+    hashes, sizes = set(), set()
+    for triangles in (60, 200_000):
+        tree = rt.accel.build(rt.scenes.bumpy_sphere(triangles), "bvh")
+        sizes.add(tree._device.stack_size)
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+            dr.kernel_history_clear()
+            dr.eval(tree.intersect(ray))
+            hashes |= {k["hash"] for k in dr.kernel_history([dr.KernelType.JIT])}
+    assert len(hashes) == len(sizes) == 2
