@@ -68,29 +68,31 @@ Curve = Sequence[tuple[float, float]]
 
 
 def log_charts(title: str, panels: Mapping[str, Mapping[str, Curve]], x_name: str) -> np.ndarray:
-    """(H, W, 3) uint8: panels side by side, of curves over logarithmic axes; a name has one colour in all of them."""
+    """(H, W, 3) uint8: panels, three in a row, of curves over logarithmic axes; a name has one colour in all."""
     names = sorted({name for curves in panels.values() for name in curves})
     colours = {name: _LINES[k % len(_LINES)] for k, name in enumerate(names)}
     width, height, margin = 380, 330, 56
-    image = Image.new("RGB", (width * len(panels), height + 60 + 18 * len(names)), "white")
+    rows = -(-len(panels) // 3)
+    image = Image.new("RGB", (width * min(3, len(panels)), rows * height + 60 + 18 * len(names)), "white")
     draw, font = ImageDraw.Draw(image), ImageFont.load_default(_SIZE)
     draw.text((8, 6), title, fill="black", font=font)
     for k, (name, curves) in enumerate(panels.items()):
-        box = (k * width + margin, 54, (k + 1) * width - 12, height + 20)
-        draw.text((box[0], 32), name, fill="black", font=font)
+        x, y = k % 3 * width, k // 3 * height
+        box = (x + margin, y + 54, x + width - 12, y + height - 16)
+        draw.text((box[0], y + 32), name, fill="black", font=font)
         _log_chart(draw, font, box, {n: c for n, c in curves.items() if len(c)}, colours)
         draw.text((box[0] + 110, box[3] + 20), x_name, fill="black", font=font)
     for k, name in enumerate(names):
-        y = height + 56 + 18 * k
+        y = rows * height + 46 + 18 * k
         draw.line((20, y + 8, 50, y + 8), fill=colours[name], width=3)
         draw.text((58, y), name, fill="black", font=font)
     return np.asarray(image)
 
 
-def _decades(values: Sequence[float]) -> tuple[int, int]:
-    """The powers of ten between which an axis shows ``values``."""
-    first = math.floor(math.log10(min(values)))
-    return first, max(math.ceil(math.log10(max(values))), first + 1)
+def _range(values: Sequence[float]) -> tuple[float, float]:
+    """The powers of ten, whole or not, between which an axis shows ``values``: one whole one at least lies there."""
+    low, high = math.log10(min(values)) - 0.1, math.log10(max(values)) + 0.1
+    return (low, high) if math.floor(high) >= math.ceil(low) else (math.floor(low), math.ceil(high))
 
 
 def _log_chart(
@@ -103,17 +105,17 @@ def _log_chart(
     points = [p for curve in curves.values() for p in curve if p[0] > 0 and p[1] > 0]
     if not points:
         return
-    (x0, x1), (y0, y1) = (_decades([p[k] for p in points]) for k in (0, 1))
+    (x0, x1), (y0, y1) = (_range([p[k] for p in points]) for k in (0, 1))
     left, top, right, bottom = box
 
     def place(x: float, y: float) -> tuple[float, float]:
         return left + (x - x0) / (x1 - x0) * (right - left), bottom - (y - y0) / (y1 - y0) * (bottom - top)
 
-    for e in range(x0, x1 + 1):
+    for e in range(math.ceil(x0), math.floor(x1) + 1):
         x, _ = place(e, y0)
         draw.line((x, top, x, bottom), fill="#dddddd")
         draw.text((x - 10, bottom + 3), f"1e{e}", fill="black", font=font)
-    for e in range(y0, y1 + 1):
+    for e in range(math.ceil(y0), math.floor(y1) + 1):
         _, y = place(x0, e)
         draw.line((left, y, right, y), fill="#dddddd")
         draw.text((left - 40, y - 8), f"1e{e}", fill="black", font=font)

@@ -46,8 +46,8 @@ def main() -> int:
     parser.add_argument("--structures", nargs="*", default=list(rt.accel.names()), help="as --accel takes them")
     parser.add_argument("--side", type=int, default=512, help="primary rays along a side of the image (default 512)")
     parser.add_argument("--repeat", type=int, default=15, help="runs of which the best counts (default 15)")
-    parser.add_argument("--longest", type=float, default=20.0, help="seconds that the runs of a structure may take, and "
-                        "one query of it; larger scenes are left out (default 20)")  # fmt: skip
+    parser.add_argument("--longest", type=float, default=20.0, help="seconds that the runs of a structure may take, "
+                        "and one query of it; larger scenes are left out (default 20)")  # fmt: skip
     parser.add_argument("--out", type=Path, default=Path("out/complexity"))
     options = parser.parse_args()
     settings = {"code": tracing_digest(), "machine": platform.node()}
@@ -97,8 +97,9 @@ def measured(sizes: dict[int, Sized], name: str, options: argparse.Namespace) ->
         before = best_times({"": our_task(structure, sized.rays[few]["bounce"], False)}, 1, 0.0)[""]
         side = many if before * (many / few) ** 2 < 0.1 * options.longest / len(sizes) else few
         built[n] = structure, sized.rays[side]
+        size = structure.statistics()["bytes"]
         points.append({
-            "n": sized.scene.primitive_count, "size": n, "build_seconds": seconds, "bytes": structure.statistics()["bytes"],
+            "n": sized.scene.primitive_count, "size": n, "build_seconds": seconds, "bytes": size,
             "counts": {kind: counters(structure, ray) for kind, ray in sized.rays[few].items()}, "seconds": {},
         })  # fmt: skip
     for kind in KINDS:
@@ -162,9 +163,9 @@ def row(record: Record) -> list[str]:
 def write(out: Path, records: list[Record]) -> None:
     """The table and the picture of what is there so far."""
     about = (
-        "Times are of the best run, all sizes in turn. Exponents are of the power of the number of primitives that fits "
-        "best from 10^3 on: 1 is linear, 0 does not grow. Visits are nodes or cells (volumes in lists, primitives in "
-        "brute force). Sizes at which a query would have taken too long are left out.\n"
+        "Times are of the best run, all sizes in turn. Exponents are of the power of the number of primitives that "
+        "fits best from 10^3 on: 1 is linear, 0 does not grow. Visits are nodes or cells (volumes in lists, primitives "
+        "in brute force). Sizes at which a query would have taken too long are left out.\n"
     )
     save_text(out / "complexity.md", f"# Cost by size\n\n{about}\n{markdown_table(HEAD, [row(r) for r in records])}")
     panels: dict[str, dict[str, list[tuple[float, float]]]] = {}
