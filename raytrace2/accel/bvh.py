@@ -15,10 +15,11 @@ from ..surfaces.primitives import DevicePrimitives, LocalRay
 from ..surfaces.structure import Structure
 from ..surfaces.surface import Surface
 from . import bvh_traversal, wide_encode, wide_node
+from .binary_tree import BinaryTree, surface_area
 from .builders import BUILDERS
 from .bvh_config import BvhConfig
 from .bvh_refit import Refit, refit_boxes, refit_volumes
-from .collapse import collapse
+from .collapse import WideTree, collapse
 from .octant_slots import by_octant
 from .topology import Topology
 from .volume_nodes import volume_nodes
@@ -37,7 +38,8 @@ class Bvh(Structure):
         self._device: bvh_traversal.DeviceTree | None = None
         self._topology: Topology | None = None
         counts = dict.fromkeys(("primitives", "references", "nodes", "leaves", "depth", "bytes"), 0)
-        self._statistics: dict[str, Any] = {"kind": self.kind, **_settings(self.config), **counts, "sah_cost": 0.0}
+        costs = dict.fromkeys(("expected_nodes", "expected_volumes", "expected_primitives", "sah_cost"), 0.0)
+        self._statistics: dict[str, Any] = {"kind": self.kind, **_settings(self.config), **counts, **costs}
         self._build()
         self._statistics["build_seconds"] = time.perf_counter() - begin
 
@@ -79,14 +81,16 @@ class Bvh(Structure):
             nodes = QuantisedNodes(self.types, layout, words)
         else:
             nodes = volume_nodes(topology, parts.reordered(topology.order), boxes, config.volume)
-        self._adopt(topology, nodes, parts.upload(topology.order), wide.cost, len(some))
+        visits = _expected_nodes(tree, wide)
+        expected = visits, (wide.cost - config.node_cost * visits) / config.primitive_cost
+        self._adopt(topology, nodes, parts.upload(topology.order), expected, len(some))
 
     def _adopt(
         self,
         topology: Topology,
         nodes: bvh_traversal.Nodes,
         primitives: DevicePrimitives,
-        cost: float,
+        expected: tuple[float, float],
         present: int,
     ) -> None:
         self._topology = topology
@@ -105,7 +109,10 @@ class Bvh(Structure):
             "depth": topology.depth,
             "children_per_node": children / max(1, node_count),
             "bytes": nodes.bytes + dr.width(primitives.buffer) * primitives.buffer.numpy().itemsize,
-            "sah_cost": cost,
+            "expected_nodes": expected[0],
+            "expected_volumes": expected[0] * topology.width,
+            "expected_primitives": expected[1],
+            "sah_cost": self.config.node_cost * expected[0] + self.config.primitive_cost * expected[1],
         }
 
     def refit(self, moved: Geometry | Surface | Sequence[Surface]) -> Bvh:
@@ -127,24 +134,23 @@ class Bvh(Structure):
         before = self._statistics.get("refit", {"sah_cost_built": self._statistics["sah_cost"], "refits": 0})
         if found.nodes is not None:
             assert self._topology is not None and found.primitives is not None
-            result._adopt(self._topology, found.nodes, found.primitives, found.cost, self._statistics["primitives"])
+            result._adopt(self._topology, found.nodes, found.primitives, found.expected, self._statistics["primitives"])
+        cost = result._statistics["sah_cost"]
         built = before["sah_cost_built"]
         result._statistics["refit"] = {
             "sah_cost_built": built,
-            "sah_cost": found.cost,
-            "sah_cost_ratio": found.cost / built if built else 1.0,
+            "sah_cost": cost,
+            "sah_cost_ratio": cost / built if built else 1.0,
             "refits": before["refits"] + 1,
             "seconds": time.perf_counter() - begin,
         }
         return result
 
     def _refitted(self, moved: Geometry | Surface | Sequence[Surface]) -> Refit:
-        config = self.config
-        costs = (config.node_cost, config.primitive_cost)
-        if config.volume == "box":
+        if self.config.volume == "box":
             primitives = None if self._device is None else self._device.primitives
-            return refit_boxes(self.geometry, moved, self._topology, primitives, costs)
-        return refit_volumes(self.geometry, moved, self._topology, config.volume, costs)
+            return refit_boxes(self.geometry, moved, self._topology, primitives)
+        return refit_volumes(self.geometry, moved, self._topology, self.config.volume)
 
     def traverse(self, ray: LocalRay, best: Candidate, root: Any, active: Any) -> Candidate:
         if self._device is None:
@@ -157,10 +163,19 @@ class Bvh(Structure):
         return bvh_traversal.anything(self._device, ray, root + self._root, active)
 
     def statistics(self) -> dict[str, Any]:
-        """Counts of nodes, leaves, primitives and references to them, depth, bytes on the device, the seconds that the
-        build took and ``sah_cost``, the expected cost of a random ray that meets the root's box, in units of the
-        config's costs; ``refit``, what :meth:`refit` says, where there was one."""
+        """Counts of nodes, leaves, primitives and references to them, depth, bytes on the device and the seconds that
+        the build took. ``expected_nodes``, ``expected_volumes`` and ``expected_primitives``: what a random ray that
+        meets the root's box is expected to visit and test, by the areas of the children's boxes; ``sah_cost``, what
+        that costs in units of the config's costs. ``refit``: what :meth:`refit` says, where there was one."""
         return dict(self._statistics)
+
+
+def _expected_nodes(tree: BinaryTree, wide: WideTree) -> float:
+    """How many nodes a random ray that meets the root's box visits (Goldsmith and Salmon 1987)."""
+    if len(wide.binary) == 0:
+        return 0.0
+    areas = surface_area(tree.lo.take(wide.binary, axis=0), tree.hi.take(wide.binary, axis=0))
+    return float(areas.sum() / areas[0]) if areas[0] > 0 else float(len(areas))
 
 
 def _settings(config: BvhConfig) -> dict[str, Any]:

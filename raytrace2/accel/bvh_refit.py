@@ -15,6 +15,7 @@ from ..surfaces.primitives import DevicePrimitives
 from ..surfaces.record import KIND
 from ..surfaces.surface import Surface
 from ..types import Types
+from .binary_tree import surface_area
 from .bvh_traversal import Nodes
 from .moved_geometry import MovedGeometry, are_meshes
 from .moved_triangles import moved_triangles
@@ -28,12 +29,13 @@ from .wide_node import COUNT_MASK, COUNT_SHIFT, FIRST_MASK, LAYOUTS
 
 @dataclass(frozen=True, eq=False)
 class Refit:
-    """What a refit finds; ``nodes`` and ``primitives`` are None if there is nothing."""
+    """What a refit finds, and how many nodes and primitives a random ray through the root is expected to meet;
+    ``nodes`` and ``primitives`` are None if there is nothing."""
 
     geometry: Geometry
     nodes: Nodes | None
     primitives: DevicePrimitives | None
-    cost: float
+    expected: tuple[float, float]
 
 
 def refit_boxes(
@@ -41,13 +43,12 @@ def refit_boxes(
     moved: Geometry | Surface | Sequence[Surface],
     topology: Topology | None,
     primitives: DevicePrimitives | None,
-    costs: tuple[float, float],
 ) -> Refit:
     """Quantised nodes of ``topology``, whose leaves hold ``primitives`` of the geometry ``before``, around ``moved``.
-    ``costs`` are those of a node and of a primitive. Triangle meshes stay on the device throughout."""
+    Triangle meshes stay on the device throughout."""
     items = _items(moved)
     if topology is None or primitives is None:
-        return Refit(_geometry(moved, before.types), None, None, 0.0)
+        return Refit(_geometry(moved, before.types), None, None, (0.0, 0.0))
     types = topology.types
     geometry: Geometry
     if items is not None and are_meshes(before, items):
@@ -57,10 +58,10 @@ def refit_boxes(
         geometry = _geometry(moved, types)
         device, boxes = _moved_primitives(before, geometry, topology)
     rows = _Rows.of(topology)
-    table, cost = _boxes_from_below(boxes, topology, rows, costs)
+    table, expected = _boxes_from_below(boxes, topology, rows)
     layout = LAYOUTS[topology.width]
     words = encode(table, rows.of_children, topology.device_references, layout, types)
-    return Refit(geometry, QuantisedNodes(types, layout, words), device, cost)
+    return Refit(geometry, QuantisedNodes(types, layout, words), device, expected)
 
 
 def refit_volumes(
@@ -68,19 +69,19 @@ def refit_volumes(
     moved: Geometry | Surface | Sequence[Surface],
     topology: Topology | None,
     volume: str,
-    costs: tuple[float, float],
 ) -> Refit:
     """The same for nodes of the shape ``volume``, whose volumes are fitted anew."""
     geometry = _geometry(moved, before.types)
     if topology is None:
-        return Refit(geometry, None, None, 0.0)
+        return Refit(geometry, None, None, (0.0, 0.0))
     device, boxes = _moved_primitives(before, geometry, topology)
     rows = _Rows.of(topology)
-    table, cost = _boxes_from_below(boxes, topology, rows, costs)
+    table, expected = _boxes_from_below(boxes, topology, rows)
     parts = geometry.primitives()
     assert parts is not None
     of_children = table.numpy().reshape(-1, WORDS)[rows.of_children.numpy()]
-    return Refit(geometry, volume_nodes(topology, parts.reordered(topology.order), of_children, volume), device, cost)
+    return Refit(geometry, volume_nodes(topology, parts.reordered(topology.order), of_children, volume), device,
+    expected)
 
 
 def _items(moved: Geometry | Surface | Sequence[Surface]) -> list[Surface] | None:
@@ -155,13 +156,13 @@ class _Rows:
 
 
 def _boxes_from_below(
-    primitives: Any, topology: Topology, rows: _Rows, costs: tuple[float, float]
-) -> tuple[Any, float]:
-    """The table of boxes, and the expected cost of a ray through the root."""
+    primitives: Any, topology: Topology, rows: _Rows
+) -> tuple[Any, tuple[float, float]]:
+    """The table of boxes, and how many nodes and primitives a ray through the root is expected to meet."""
     types = topology.types
     UInt, Float, width = types.UInt, types.Float, topology.width
     if len(topology.references) == 0:
-        return dr.full(Float, dr.inf, WORDS), costs[1] * len(topology.order)
+        return dr.full(Float, dr.inf, WORDS), (0.0, float(len(topology.order)))
     leaves = dr.width(rows.leaf_references)
     total = leaves + len(topology.references) + 1
     table = _leaf_boxes(primitives, rows.leaf_references, types)
@@ -190,7 +191,7 @@ def _boxes_from_below(
     parts += [*reversed(levels), dr.full(Float, dr.inf, WORDS)]
     table = dr.concat(parts)
     dr.eval(table)
-    return table, _cost(table, rows, leaves, topology, costs)
+    return table, _expected(table, rows, leaves)
 
 
 def _leaf_boxes(primitives: Any, references: Any, types: Types) -> Any:
@@ -208,13 +209,13 @@ def _leaf_boxes(primitives: Any, references: Any, types: Types) -> Any:
     return target
 
 
-def _cost(table: Any, rows: _Rows, leaves: int, topology: Topology, costs: tuple[float, float]) -> float:
-    """Node costs times the nodes' areas plus primitive costs times those of the leaves, relative to the root's area."""
+def _expected(table: Any, rows: _Rows, leaves: int) -> tuple[float, float]:
+    """The sums of the nodes' areas, and of the leaves' times the numbers of their primitives, relative to the root's
+    area."""
     boxes = table.numpy().reshape(-1, WORDS)[:-1]
-    size = np.maximum(-boxes[:, 3:6].astype(np.float64) - boxes[:, :3], 0)
-    areas = size[:, 0] * size[:, 1] + size[:, 1] * size[:, 2] + size[:, 2] * size[:, 0]
+    areas = surface_area(boxes[:, :3], -boxes[:, 3:6])
     count = (rows.leaf_references.numpy() >> COUNT_SHIFT) & COUNT_MASK
     root = areas[leaves]
     if root <= 0:
-        return float(costs[0] * len(topology.references) + costs[1] * count.sum())
-    return float(costs[0] * areas[leaves:].sum() + costs[1] * (areas[:leaves] * count).sum()) / float(root)
+        return float(len(areas) - leaves), float(count.sum())
+    return float(areas[leaves:].sum() / root), float((areas[:leaves] * count).sum() / root)

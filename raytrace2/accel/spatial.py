@@ -113,7 +113,8 @@ def _cut_some(
     parted, right = cut(some, plans, corners, cuttable, margin)
     number = np.stack([np.bincount(parted.owner[side], minlength=len(candidates)) for side in (~right, right)])
     added = number.sum(axis=0) - some.counts
-    useful = (number > 0).all(axis=0) & (number < some.counts).all(axis=0)
+    # Each cut takes from the budget or leaves both sides fewer: so they come to an end.
+    useful = (number > 0).all(axis=0)
     best = np.argsort(np.where(useful, -saving, np.inf), kind="stable")
     affordable = np.zeros(len(candidates), bool)
     affordable[best] = np.cumsum(np.where(useful, added, 0)[best]) <= remaining

@@ -17,7 +17,7 @@ def cheapest_cut(types: Types, references: Any, corners: Any, bounds: list[Any],
 
     ``references`` are packets of boxes with the number of a primitive; ``corners`` rows of sixteen words: the
     vertices, and a tenth word that is not zero for what may be cut. The parts of a reference in the bins that it spans
-    are found by clipping. A cut must leave both sides fewer references than there are.
+    are found by clipping.
     """
     UInt, Float, width = types.UInt, types.Float, dr.width(group.begin)
     size = [-bounds[k + 3] - bounds[k] for k in range(3)]
@@ -62,7 +62,6 @@ def cheapest_cut(types: Types, references: Any, corners: Any, bounds: list[Any],
 
 def _cheapest(types: Types, bins: tuple[Any, ...], group: Group, width: int) -> tuple[Any, ...]:
     UInt, Float = types.UInt, types.Float
-    total = group.end - group.begin
     costs, numbers = dr.alloc_local(Float, BINS, value=Float(0)), dr.alloc_local(UInt, BINS, value=UInt(0))
     best = no_split(types, width, dr.zeros(UInt, width))
     boxes, entries, exits = bins
@@ -84,8 +83,8 @@ def _cheapest(types: Types, bins: tuple[Any, ...], group: Group, width: int) -> 
             b = k + axis * BINS
             side, n = union(side, [boxes.read(b * 6 + j) for j in range(6)]), n + entries.read(b)
             cost = area(side, group.unit) * Float(n) + costs.read(k + 1)
-            allowed = (numbers.read(k + 1) > 0) & (numbers.read(k + 1) < total)
-            best = better_split(best, dr.select(allowed, cost, dr.inf), n, total, (UInt(axis), k + 1))
+            right = numbers.read(k + 1)
+            best = better_split(best, cost, n, n + right, (UInt(axis), k + 1))
             return k + 1, side, n, best, costs, numbers, boxes, entries
 
         start = (dr.full(UInt, BINS - 1, width), empty(types, width), dr.zeros(UInt, width))

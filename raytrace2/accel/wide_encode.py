@@ -70,32 +70,32 @@ def encode(boxes: Any, rows: Any, references: Any, layout: NodeLayout, types: Ty
 
     words = [Word(0) for _ in range(layout.words)]
     for axis in range(3):
-        corner = whole[axis]
-        size, rest = _difference(-whole[axis + 3], corner)
+        corner, size, shift, scale = _scaled(whole[axis], -whole[axis + 3], types, form)
+        size, rest = _difference(size, corner)
         bits = dr.reinterpret_array(Word, size)
         bits = dr.select(rest > 0, bits + 1, bits)
         wide_mantissa = (bits & ((1 << form.mantissa) - 1)) > (127 << (form.mantissa - 7))
         # Biased: that of 256 steps, and no less than what keeps all of a node's planes normal numbers.
-        exponent = dr.maximum((bits >> form.mantissa) + 1, 17)
-        exponent = dr.select(wide_mantissa & (exponent < Word(2 * form.bias)), exponent + 1, exponent)
-        words[CORNER + axis] = dr.reinterpret_array(Word, corner)
+        exponent = dr.select(wide_mantissa, (bits >> form.mantissa) + 2, (bits >> form.mantissa) + 1)
+        exponent = dr.minimum(dr.maximum(exponent, shift + 17) - shift, Word(2 * form.bias))
+        words[CORNER + axis] = dr.reinterpret_array(Word, whole[axis])
         words[EXPONENTS] |= exponent << (axis * form.exponent_bits)
-        per_step = dr.reinterpret_array(Float, (2 * form.bias + 8 - exponent) << form.mantissa)
+        per_step = dr.reinterpret_array(Float, (2 * form.bias + 8 - exponent - shift) << form.mantissa)
         for slot in range(layout.width):
             exists = reference[slot] != NEXT
-            distance, rest = _difference(box[slot][axis], corner)
+            distance, rest = _difference(box[slot][axis] * scale, corner)
             steps = distance * per_step
             lower = dr.floor(steps)
             lower = dr.select((lower == steps) & (rest < 0), lower - 1, lower)
             lower = dr.select(exists, dr.fmin(dr.fmax(lower, 0), 255), 255)
-            distance, rest = _difference(-box[slot][axis + 3], corner)
+            distance, rest = _difference(-box[slot][axis + 3] * scale, corner)
             steps = distance * per_step
-            upper = dr.fmax(dr.ceil(steps), dr.select(distance > 0, Float(1), Float(0)))
+            upper = dr.fmax(dr.ceil(steps), dr.select(-box[slot][axis + 3] > whole[axis], Float(1), Float(0)))
             upper = dr.select((upper == steps) & (rest > 0), upper + 1, upper)
             upper = dr.select(exists, dr.fmin(dr.fmax(upper, 0), 255), 0)
-            word, shift = axis * layout.per_axis + slot // 4, 8 * (slot % 4)
-            words[layout.lower + word] |= Word(lower) << shift
-            words[layout.upper + word] |= Word(upper) << shift
+            word, place_in_word = axis * layout.per_axis + slot // 4, 8 * (slot % 4)
+            words[layout.lower + word] |= Word(lower) << place_in_word
+            words[layout.upper + word] |= Word(upper) << place_in_word
     for slot in range(layout.width):
         words[layout.children + slot] = Word(reference[slot])
 
@@ -106,6 +106,18 @@ def encode(boxes: Any, rows: Any, references: Any, layout: NodeLayout, types: Ty
     dr.scatter(target, packet, node)
     dr.eval(target)
     return target
+
+
+def _scaled(low: Any, high: Any, types: Types, form: NodeFormat) -> tuple[Any, Any, Any, Any]:
+    """``low`` and ``high`` times a power of two, its exponent and itself: large enough that the last digits of numbers
+    near the smallest are normal numbers, because processors may be set to take smaller ones for zero; 1 for large
+    numbers, whose digits are."""
+    Word = types.UInt if types.precision == "float32" else types.UInt64
+    digits = form.mantissa + 1
+    is_small = dr.fmax(abs(low), abs(high)) < 2.0 ** (form.bias - digits - 3)
+    shift = dr.select(is_small, Word(digits), Word(0))
+    scale = dr.select(is_small, types.Float(2.0**digits), types.Float(1))
+    return low * scale, high * scale, shift, scale
 
 
 def _difference(a: Any, b: Any) -> tuple[Any, Any]:
