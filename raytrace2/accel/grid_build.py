@@ -13,14 +13,16 @@ from ..buffers import owned
 from ..surfaces import record
 from ..surfaces.primitives import Primitives
 from .grid_cells import FULL, INNER, LAST, MOST
-from .grid_fill import Level, fill
+from .grid_fill import Level, fill, most_references
 from .grid_frame import ERROR, NEAR
-from .grid_lattice import WORDS, Extents, Lattices
+from .grid_lattice import WORDS, Extents, Lattices, choose_cells
 from .grid_overlap import Subjects
 from .grid_walk import DeviceGrids
 
 #: No cell is smaller than so many times the margin by which it is widened.
 LEAST_CELL = 8
+#: A cell is filled with a grid if that leaves less than this share of the primitive tests.
+GAIN = 0.75
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,18 @@ class _Box:
         return _Box(lo, scale, size + 4 * margin, margin, near)
 
 
+@dataclass(frozen=True, eq=False)
+class _Job:
+    """What is put into grids, and how: ``least`` is the smallest cell, ``solid`` as :func:`_solid` tells."""
+
+    parts: Primitives
+    subjects: Subjects
+    box: _Box
+    rule: Rule
+    least: float
+    solid: np.ndarray | None
+
+
 def build_grids(parts: Primitives, rule: Rule) -> tuple[DeviceGrids, dict[str, Any]]:
     """Grids over ``parts``, none of whose boxes is empty, and what there is to tell of them."""
     types = parts.types
@@ -69,12 +83,11 @@ def build_grids(parts: Primitives, rule: Rule) -> tuple[DeviceGrids, dict[str, A
     origin = box.origin.astype(types.numpy)
     device = parts.upload()
     subjects = Subjects.make(parts, device, origin, box.scale, box.near, box.margin)
-    sides = (parts.hi - parts.lo) * (box.scale / box.size).astype(types.numpy)
-    solid = _solid(parts)
     least = max(LEAST_CELL * box.margin, rule.min_cell * float(box.size.max()))
-    levels = [_outermost(subjects, sides, solid, box, rule, least)]
+    job = _Job(parts, subjects, box, rule, least, _solid(parts))
+    levels = [_outermost(job)]
     for density in rule.density[1 : rule.levels]:
-        level = _inner(subjects, sides, solid, box, levels, density, rule, least)
+        level = _inner(job, levels, density)
         if level is None:
             break
         levels.append(level)
@@ -130,58 +143,79 @@ def _solid(parts: Primitives) -> np.ndarray | None:
     return codes != record.TRIANGLE
 
 
-def _outermost(
-    subjects: Subjects, sides: np.ndarray, solid: np.ndarray | None, box: _Box, rule: Rule, least: float
-) -> Level:
-    n = len(sides)
+def _outermost(job: _Job) -> Level:
+    parts, box, rule = job.parts, job.box, job.rule
+    n, dtype = len(parts), parts.lo.dtype
     none = np.zeros((1, 3), np.int64)
-    corner = np.full((1, 3), -2 * box.margin, sides.dtype)
+    corner = np.full((1, 3), -2 * box.margin, dtype)
 
     def make(cells: np.ndarray) -> Lattices:
         return Lattices.make(corner, box.size[None], cells, 0, none[:, 0], none)
 
     target = np.array([min(max(1.0, rule.density[0] * n), rule.max_cells)])
+    extents = Extents.of((parts.hi - parts.lo) * (box.scale / box.size).astype(dtype), job.solid)
     everything = np.arange(n, dtype=np.uint32)
-    extents = Extents.of(sides, solid)
-    return fill(subjects, everything, np.zeros(n, np.uint32), make, box.size[None], extents, target, least)
+    return fill(job.subjects, everything, np.zeros(n, np.uint32), make, box.size[None], extents, target, job.least)
 
 
-def _inner(
-    subjects: Subjects,
-    sides: np.ndarray,
-    solid: np.ndarray | None,
-    box: _Box,
-    levels: list[Level],
-    density: float,
-    rule: Rule,
-    least: float,
-) -> Level | None:
-    """A grid in every cell of the last level that holds too many, noted there; None if no cell does."""
-    outer = levels[-1]
-    before = sum(len(level.lattices) for level in levels)
-    step = outer.lattices.step.astype(np.float64)
-    parent, _ = outer.lattices.where(outer.cell)
-    many = (outer.count > rule.most_in_cell) & (step[parent].max(axis=1) >= 2 * least)
-    chosen = np.flatnonzero(many)
-    if len(chosen) == 0:
+def _inner(job: _Job, levels: list[Level], density: float) -> Level | None:
+    """A grid in every cell of the last level that holds too many and that a grid does good; None if there is none.
+
+    Each encloses what is in its cell, which may be much smaller. The lists of these cells leave the last level.
+    """
+    outer, rule = levels[-1], job.rule
+    many = np.flatnonzero(outer.count > rule.most_in_cell)
+    if len(many) == 0:
         return None
-    parent, place = outer.lattices.where(outer.cell[chosen])
-    size = step[parent]
-    corner = (outer.lattices.corner[parent] + place * size).astype(sides.dtype)
-    count = outer.count[chosen]
-    grid = np.repeat(np.arange(len(chosen), dtype=np.uint32), count)
-    prim = outer.list_of(chosen)
-    within = np.minimum(sides[prim] * (box.size / size).astype(sides.dtype)[grid], 1)
-    extents = Extents.of_each(within, None if solid is None else solid[prim], count)
+    parent, place = outer.lattices.where(outer.cell[many])
+    count, prim = outer.count[many], outer.list_of(many)
+    grid = np.repeat(np.arange(len(many), dtype=np.uint32), count)
+    step = outer.lattices.step[parent]
+    low = outer.lattices.corner[parent] + place.astype(step.dtype) * step
+    corner, size, sides = _content(job, prim, np.cumsum(count) - count, grid, low, low + step)
+    extents = Extents.of_each(sides, None if job.solid is None else job.solid[prim], count)
+    target = np.clip(density * count, 1, rule.max_cells)
+    cells = choose_cells(size, extents, target, most_references(extents), job.least)
+    # Primitives that a ray through the cell is to be tested with.
+    tested = extents.references(cells) * _area(size / cells) / _area(step)
+    good = tested < GAIN * count
+    if not good.any():
+        return None
+    chosen = np.flatnonzero(good)
+    rank = np.cumsum(good, dtype=np.uint32) - np.uint32(1)
+    kept = good[grid]
+    before = sum(len(level.lattices) for level in levels)
     outermost = before - len(outer.lattices)
 
     def make(cells: np.ndarray) -> Lattices:
-        return Lattices.make(corner, size, cells, outer.lattices.end, parent + outermost, place)
+        return Lattices.make(corner[good], size[good], cells, outer.lattices.end, parent[good] + outermost, place[good])
 
-    target = np.clip(density * count, 1, rule.max_cells)
-    level = fill(subjects, prim, grid, make, size, extents, target, least)
-    levels[-1] = outer.without(many)
+    level = fill(
+        job.subjects, prim[kept], rank[grid[kept]], make, size[good], extents.take(chosen), target[good], job.least
+    )
+    gone = np.zeros(len(outer.count), bool)
+    gone[many[chosen]] = True
+    levels[-1] = outer.without(gone)
     return level
+
+
+def _content(
+    job: _Job, prim: np.ndarray, begin: np.ndarray, grid: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Corner and size (m, 3) of boxes around the parts of primitives ``prim`` (n,) within the boxes ``low``, ``high``
+    (m, 3), the first of each at ``begin`` (m,); and the sides (n, 3) of those parts in units of these sizes. They are
+    larger by twice the margin on every side: a ray that rounding puts on the wrong side of a cell's wall enters."""
+    margin, dtype = 2 * job.box.margin, job.parts.lo.dtype
+    corner, size = np.empty_like(low), np.empty_like(low, dtype=np.float64)
+    sides = np.empty((len(prim), 3), dtype)
+    for k in range(3):
+        origin, scale = job.box.origin[k].astype(dtype), dtype.type(job.box.scale)
+        lo = np.maximum(((job.parts.lo[:, k] - origin) * scale)[prim], low[grid, k])
+        hi = np.maximum(np.minimum(((job.parts.hi[:, k] - origin) * scale)[prim], high[grid, k]), lo)
+        corner[:, k] = np.minimum.reduceat(lo, begin) - margin
+        size[:, k] = np.maximum.reduceat(hi, begin).astype(np.float64) + margin - corner[:, k]
+        sides[:, k] = (hi - lo) / size[grid, k].astype(dtype)
+    return corner, size, sides
 
 
 def _describe(levels: list[Level], primitives: int, size: int) -> dict[str, Any]:

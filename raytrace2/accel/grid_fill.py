@@ -56,6 +56,11 @@ class Level:
         return entries
 
 
+def most_references(extents: Extents) -> np.ndarray:
+    """What each grid may hold (m,)."""
+    return np.maximum(DUPLICATION * extents.count, LEAST_REFERENCES)
+
+
 def fill(
     subjects: Subjects,
     prim: np.ndarray,
@@ -69,7 +74,7 @@ def fill(
     """Grids of ``size`` (m, 3), with about ``target`` (m,) cells each, over the primitives ``prim`` (n,) that go into
     grids ``grid`` (n,); ``make`` turns cells (m, 3) into lattices."""
     UInt = subjects.types.UInt
-    most = np.maximum(DUPLICATION * extents.count, LEAST_REFERENCES)
+    most = most_references(extents)
     prims, grids = owned(prim, UInt), owned(grid, UInt)
     while True:
         lattices = make(choose_cells(size, extents, target, most, least_step))

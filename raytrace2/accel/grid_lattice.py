@@ -107,6 +107,10 @@ class Extents:
         pairs = np.stack([total(x * y), total(y * z), total(z * x)], axis=1)
         return Extents(count.astype(np.float64), np.stack([total(k) for k in (x, y, z)], axis=1), pairs, volumes)
 
+    def take(self, chosen: np.ndarray) -> Extents:
+        """Those of the grids ``chosen``."""
+        return Extents(self.count[chosen], self.lengths[chosen], self.areas[chosen], self.volumes[chosen])
+
     def references(self, cells: np.ndarray) -> np.ndarray:
         """How many references grids of ``cells`` (m, 3) should hold.
 

@@ -158,12 +158,21 @@ def _step(walk: _Walk, limit: Any, at: Any, place: list[Any], clear: Any, inner:
     time = inner[1] if inner else None
 
     def near(place: list[Any], time: Any) -> tuple[Any, ...]:
-        entry = frame.cell_at(time) if inner else place
-        further, time_out, leaves = _cross(walk, frame, place, clear)
+        entry = place
+        further, out, leaves = _cross(walk, frame, place, clear)
+        if inner:
+            walls = [frame.crossing(k, dr.select(walk.ray.negative[k], frame.cells[k], 0)) for k in range(3)]
+            time = greater(greater(walls[0], walls[1]), greater(walls[2], time))
+            entry = frame.cell_at(time)
         place = [dr.select(reads, a, b) for a, b in zip(entry, further, strict=True)]
-        done = ~reads & (time_out >= limit)
-        left = ~reads & (time_out >= leaves)
-        time = dr.select(reads, time, time_out) if inner else None
+        if not inner:
+            done = ~reads & (out >= limit)
+            left = ~reads & (out >= leaves)
+            return place, None, ~(done | left), left, done
+        time = dr.select(reads, time, out)
+        left = (time > leaves) | (~reads & (time == leaves))
+        # A ray that misses an inner grid reaches its planes at times that mean nothing.
+        done = ((time > limit) & ~(reads & left)) | (~reads & (time == limit))
         return place, time, ~(done | left), left, done
 
     def beyond(place: list[Any], time: Any) -> tuple[Any, ...]:
