@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 from charts import log_charts
-from structure_speed import FEW, counters, rays_of, timed_build, tracing_digest
+from structure_speed import FEW, counters, rays_of, thinned, timed_build, tracing_digest
 from study import markdown_table, read_json, save_image, save_json, save_text
 from tqdm import tqdm
 
@@ -78,7 +78,9 @@ class Sized:
     def __init__(self, name: str, size: int, side: int) -> None:
         self.scene = rt.scenes.make(name, size)
         structure = rt.accel.build(self.scene, "bvh")
-        self.rays = {n: {k: rays_of(self.scene, structure, n)[k] for k in KINDS} for n in {side, min(FEW, side)}}
+        every = rays_of(self.scene, structure, side)
+        self.many = {k: every[k] for k in KINDS}
+        self.few = thinned(self.many, FEW)
 
 
 def _tenfold(largest: float) -> list[int]:
@@ -93,20 +95,21 @@ def measured(sizes: dict[int, Sized], name: str, options: argparse.Namespace) ->
         if 10 * before > options.longest:
             break
         structure, seconds = timed_build(sized.scene, name, 1.0)
-        few, many = min(sized.rays), max(sized.rays)
-        before = best_times({"": our_task(structure, sized.rays[few]["bounce"], False)}, 1, 0.0)[""]
-        side = many if before * (many / few) ** 2 < 0.1 * options.longest / len(sizes) else few
-        built[n] = structure, sized.rays[side]
+        before = best_times({"": our_task(structure, sized.few["bounce"], False)}, 1)[""]
+        built[n] = structure
         size = structure.statistics()["bytes"]
         points.append({
             "n": sized.scene.primitive_count, "size": n, "build_seconds": seconds, "bytes": size,
-            "counts": {kind: counters(structure, ray) for kind, ray in sized.rays[few].items()}, "seconds": {},
+            "counts": {kind: counters(structure, ray) for kind, ray in sized.few.items()}, "seconds": {},
         })  # fmt: skip
+    # As many for all sizes: what does not fill the threads would be slower by itself.
+    fast = before * options.side**2 / FEW < 0.05 * options.longest
     for kind in KINDS:
-        tasks = {n: our_task(structure, rays[kind], False) for n, (structure, rays) in built.items()}
+        rays = {n: (sizes[n].many if fast else sizes[n].few)[kind] for n in built}
+        tasks = {n: our_task(structure, rays[n], False) for n, structure in built.items()}
         best = best_times(tasks, options.repeat, options.longest)
         for point in points:
-            point["seconds"][kind] = best[point["size"]] / len(built[point["size"]][1][kind])
+            point["seconds"][kind] = best[point["size"]] / len(rays[point["size"]])
     return points
 
 

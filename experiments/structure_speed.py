@@ -24,8 +24,8 @@ RAY_KINDS = ("primary", "bounce", "shadow")
 #: Against what everything is timed in turn, so that what else the machine does falls on both.
 NORMAL = "bvh"
 
-#: Rays along a side of the image for structures that are too slow for all of them; enough for two blocks of lanes.
-FEW = 192
+#: Rays for structures that are too slow for all of them: two of the blocks that Dr.Jit gives to threads.
+FEW = 2 * 16384
 
 #: Structures of a kind that are compared; a kind that is not here stands as it is by default.
 VARIANTS = {
@@ -67,6 +67,18 @@ def rays_of(scene: ProceduralScene, structure: Structure, side: int) -> dict[str
     return found
 
 
+def thinned(rays: dict[str, rt.Ray], count: int) -> dict[str, rt.Ray]:
+    """``count`` rays of each kind, evenly spread over those there are."""
+    found = {}
+    for kind, ray in rays.items():
+        index = np.linspace(0, len(ray), count, endpoint=False).astype(np.uint32)
+        o, d, tmin, tmax = (np.array(v).T for v in (ray.o, ray.d, ray.tmin, ray.tmax))
+        limits = [v if v.size == 1 else v[index] for v in (tmin, tmax)]
+        found[kind] = rt.Ray(o[index], d[index], *limits)
+    dr.eval(found)
+    return found
+
+
 def timed_build(scene: ProceduralScene, name: str, longest: float) -> tuple[Structure, float]:
     """The structure and the seconds of its fastest build: of three, or of one if that took ``longest`` seconds."""
     best, spent = np.inf, 0.0
@@ -95,7 +107,8 @@ class Bench:
     def __init__(self, mi: Any, scene: ProceduralScene, side: int, repeat: int, longest: float) -> None:
         self.scene, self.repeat, self.longest = scene, repeat, longest
         self.normal = rt.accel.build(scene, NORMAL)
-        self.rays = {n: rays_of(scene, self.normal, n) for n in {side, min(FEW, side)}}
+        self.rays = rays_of(scene, self.normal, side)
+        self.few = thinned(self.rays, FEW)
         self._mi = mi
         meshes = [s for s in scene if isinstance(s, rt.TriangleMesh)]
         self._theirs = mitsuba_meshes(mi, meshes) if len(meshes) == len(scene) else None
@@ -103,11 +116,10 @@ class Bench:
     def speeds(self, structure: Structure) -> dict[str, dict[str, Any]]:
         """By kind of ray: how many there were, rays per second of the structure, of the default hierarchy and of
         Mitsuba (None where it takes no part), timed in turn, and what the rays met on the way."""
-        few, many = min(self.rays), max(self.rays)
-        probe = best_times({"": our_task(structure, self.rays[few]["bounce"], False)}, 1)[""]
+        probe = best_times({"": our_task(structure, self.few["bounce"], False)}, 1)[""]
         # The runs of one kind of ray should not take much longer than what was asked for.
-        side = many if probe * (many / few) ** 2 * 3 < self.longest else few
-        return {kind: self._speed(structure, ray, kind == "shadow") for kind, ray in self.rays[side].items()}
+        rays = self.rays if 3 * probe * len(self.rays["primary"]) / FEW < self.longest else self.few
+        return {kind: self._speed(structure, ray, kind == "shadow") for kind, ray in rays.items()}
 
     def _speed(self, structure: Structure, ray: rt.Ray, shadow: bool) -> dict[str, Any]:
         tasks: dict[Any, Callable[[], Any]] = {"ours": our_task(structure, ray, shadow)}

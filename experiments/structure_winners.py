@@ -13,7 +13,7 @@ Record = dict[str, Any]
 #: Rates nearer than this are not told apart.
 TIE = 1.05
 
-#: What rays and builds are called in tables.
+#: Columns of the table of winners.
 WINNER_HEAD = ["scene", "primary", "bounce", "shadow", "build", "why (bounce)"]
 
 
@@ -23,10 +23,10 @@ def relative(record: Record, kind: str) -> float:
     return speed["rate"] / speed["normal"]
 
 
-def tests(record: Record, kind: str) -> float:
-    """Steps of a ray: volumes (or nodes and cells, where these are not volumes) and primitives."""
+def steps(record: Record, kind: str) -> float:
+    """Turns of a ray's loop: nodes and cells (whose volumes are tested at once; volumes in lists) and primitives."""
     speed = record["rays"][kind]
-    return max(speed["volumes"], speed["nodes"]) + speed["primitives"]
+    return (speed["nodes"] or speed["volumes"]) + speed["primitives"]
 
 
 def ranked(records: list[Record], kind: str) -> list[Record]:
@@ -42,7 +42,7 @@ def winner(records: list[Record], kind: str) -> tuple[Record, Record | None]:
 
 
 def reason(records: list[Record], kind: str) -> str:
-    """Why the winner is faster than the best of another kind: time is tests x time of a test, and the factor that tells
+    """Why the winner is faster than the best of another kind: time is steps x time of a step, and the factor that tells
     them apart more is the reason."""
     first, second = winner(records, kind)
     if second is None:
@@ -50,15 +50,15 @@ def reason(records: list[Record], kind: str) -> str:
     faster = relative(first, kind) / relative(second, kind)
     if faster < TIE:
         return f"tie with {short(second)}"
-    mine, other = tests(first, kind), tests(second, kind)
+    mine, other = steps(first, kind), steps(second, kind)
     fewer = other / max(mine, 1e-9)
-    dearer = faster / fewer
+    cheaper = faster / fewer
     against = f"{mine:.3g} against {other:.3g} of {short(second)}"
     if fewer > 1 and math.log(fewer) >= math.log(faster) / 2:
-        least = min(tests(r, kind) for r in records)
-        return ("fewest" if mine <= least else "fewer") + f" volumes + primitives: {against}"
+        least = min(steps(r, kind) for r in records)
+        return ("fewest" if mine <= least else "fewer") + f" nodes + primitives: {against}"
     more = " for more" if fewer < 1 / TIE else ""
-    return f"cheaper steps{more}: {against}, each in {1 / dearer:.2f} of the time"
+    return f"cheaper steps{more}: {against}, each in {1 / cheaper:.2f} of the time"
 
 
 def build_winner(records: list[Record]) -> Record:
@@ -87,7 +87,7 @@ def winner_table(scenes: dict[str, list[Record]]) -> str:
             lead = "" if second is None else f" ({relative(first, kind) / relative(second, kind):.2f}x)"
             cells.append(short(first) + lead)
         quick = build_winner(records)
-        build = f"{short(quick)} ({quick['build_seconds'] * 1e3:.3g} ms)"
+        build = f"{short(quick)} ({quick['build_seconds']:.2g} s)"
         lines.append([scene, *cells, build, reason(records, "bounce")])
     return markdown_table(WINNER_HEAD, lines)
 

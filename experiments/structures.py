@@ -103,8 +103,8 @@ def write(out: Path, scenes: dict[str, list[Record]], failures: list[str], setti
     about = (
         f"About {settings['size']:g} primitives a scene. In brackets, how much faster than the best structure of "
         f"another kind; 'build' is the quickest to build of those at least half as fast as the fastest on bounces. A "
-        f"ray's time is its tests (volumes, or nodes and cells that are not volumes, and primitives) by the time of a "
-        f"test: 'why' names the factor that tells winner and runner-up apart more.\n"
+        f"ray's time is its steps (nodes or cells, or volumes in lists, and primitives) by the time of a "
+        f"step: 'why' names the factor that tells winner and runner-up apart more.\n"
     )
     text = f"# Structures and scenes\n\n## Winners\n\n{about}\n{winner_table(scenes)}\n"
     text += (
