@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import math
 import platform
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -185,4 +186,7 @@ def write(out: Path, records: list[Record]) -> None:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit("interrupted: the same command goes on from here")
