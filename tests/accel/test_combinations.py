@@ -14,8 +14,8 @@ NONE = dict.fromkeys(FIELDS, 0)
 COMBINATIONS = combinations()
 FLAT = cases.leaves(np.random.default_rng(0))
 
-#: Each kind over all others, each once at every depth, and what a user would write.
-SOME = [n for n in COMBINATIONS if "every kind" in n or n.count("(") == 2 or "(" not in n and " " in n]
+#: Each kind over all of them, and what a user would write.
+SOME = [n for n in COMBINATIONS if "every kind" in n or "(" not in n and " " in n]
 
 
 def assert_agreement(name, items, precision, n):
@@ -40,7 +40,7 @@ def test_combinations_of_triangles_agree_with_brute_force(name):
     assert_agreement(name, FLAT["degenerate triangles"], "float32", 6_000)
 
 
-@pytest.mark.parametrize("name", ["bvh(every kind)", "grid(every kind)", "instances of two kinds and what is loose"])
+@pytest.mark.parametrize("name", ["bvh(every kind)", "instances of two kinds and what is loose"])
 @pytest.mark.parametrize(("scene", "precision"), [("flat grid", "float64"), ("all kinds", "float32")])
 def test_combinations_agree_with_brute_force(name, scene, precision):
     assert_agreement(name, FLAT[scene], precision, 6_000)
@@ -50,7 +50,7 @@ coordinate = st.sampled_from([0.0, -0.0, 1.0, -1.0, 0.5, 1 / 3, 1e-3])
 vertex = st.tuples(coordinate, coordinate, coordinate)
 
 
-@settings(max_examples=8, deadline=None, derandomize=True)
+@settings(max_examples=5, deadline=None, derandomize=True)
 @given(st.lists(vertex, min_size=4, max_size=8), st.randoms(use_true_random=False))
 def test_small_meshes_in_combinations(vertices, random):
     faces = [[random.randrange(len(vertices)) for _ in range(3)] for _ in range(2 * len(accel.names()))]
