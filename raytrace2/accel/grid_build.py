@@ -21,6 +21,8 @@ from .grid_walk import DeviceGrids
 
 #: No cell is smaller than so many times the margin by which it is widened.
 LEAST_CELL = 8
+#: Up to so many primitives are kept out of all cells, if their box has this share of the surface of the box around all.
+LARGE_COUNT, LARGE_SHARE = 16, 0.25
 #: A cell is filled with a grid if that leaves less than this share of the primitive tests.
 GAIN = 0.75
 
@@ -51,9 +53,8 @@ class _Box:
     near: float
 
     @staticmethod
-    def around(parts: Primitives) -> _Box:
-        lo = np.array([parts.lo[:, k].min() for k in range(3)]).astype(np.float64)
-        hi = np.array([parts.hi[:, k].max() for k in range(3)]).astype(np.float64)
+    def around(parts: Primitives, among: np.ndarray | slice) -> _Box:
+        lo, hi = _bounds(parts, among)
         # A point has no size; any will do.
         least = max(float(np.abs([lo, hi]).max()) * parts.types.epsilon, 2.0**-100)
         longest = max(float((hi - lo).max()), least)
@@ -66,9 +67,11 @@ class _Box:
 
 @dataclass(frozen=True, eq=False)
 class _Job:
-    """What is put into grids, and how: ``least`` is the smallest cell, ``solid`` as :func:`_solid` tells."""
+    """What is put into grids, and how: the primitives ``among`` all; ``least`` is the smallest cell; ``solid`` as
+    :func:`_solid` tells."""
 
     parts: Primitives
+    among: np.ndarray | slice
     subjects: Subjects
     box: _Box
     rule: Rule
@@ -79,12 +82,14 @@ class _Job:
 def build_grids(parts: Primitives, rule: Rule) -> tuple[DeviceGrids, dict[str, Any]]:
     """Grids over ``parts``, none of whose boxes is empty, and what there is to tell of them."""
     types = parts.types
-    box = _Box.around(parts)
+    large = _large(parts)
+    among = slice(None) if len(large) == 0 else np.delete(np.arange(len(parts)), large)
+    box = _Box.around(parts, among)
     origin = box.origin.astype(types.numpy)
     device = parts.upload()
     subjects = Subjects.make(parts, device, origin, box.scale, box.near, box.margin)
     least = max(LEAST_CELL * box.margin, rule.min_cell * float(box.size.max()))
-    job = _Job(parts, subjects, box, rule, least, _solid(parts))
+    job = _Job(parts, among, subjects, box, rule, least, _solid(parts))
     levels = [_outermost(job)]
     for density in rule.density[1 : rule.levels]:
         level = _inner(job, levels, density)
@@ -93,7 +98,7 @@ def build_grids(parts: Primitives, rule: Rule) -> tuple[DeviceGrids, dict[str, A
         levels.append(level)
     lattices = functools.reduce(Lattices.followed_by, (level.lattices for level in levels))
     words = np.empty(lattices.end, np.uint32)
-    everything = np.arange(len(parts), dtype=np.uint32)
+    everything = np.concatenate([np.arange(len(parts))[among], large]).astype(np.uint32)
     everything[-1] |= LAST
     held = sum(len(level.prims) for level in levels)
     if held + len(parts) >= MOST:
@@ -122,6 +127,7 @@ def build_grids(parts: Primitives, rule: Rule) -> tuple[DeviceGrids, dict[str, A
         words=owned(words, types.UInt),
         lists=owned(entries, types.UInt),
         all=dr.opaque(types.UInt, held),
+        large=dr.opaque(types.UInt, held + len(parts) - len(large)) if len(large) else None,
         primitives=device,
         origin=types.Array3f(*map(opaque, origin)),
         scale=opaque(box.scale),
@@ -131,7 +137,30 @@ def build_grids(parts: Primitives, rule: Rule) -> tuple[DeviceGrids, dict[str, A
         nested=len(levels) > 1,
     )
     size = words.nbytes + entries.nbytes + parts.records.nbytes + len(lattices) * WORDS * parts.records.itemsize
-    return grids, _describe(levels, len(parts), size)
+    return grids, _describe(levels, len(parts), len(large), size)
+
+
+def _bounds(parts: Primitives, among: np.ndarray | slice) -> tuple[np.ndarray, np.ndarray]:
+    """Opposite corners of the box around the primitives ``among`` all."""
+    lo = np.array([parts.lo[among, k].min() for k in range(3)]).astype(np.float64)
+    return lo, np.array([parts.hi[among, k].max() for k in range(3)]).astype(np.float64)
+
+
+def _large(parts: Primitives) -> np.ndarray:
+    """The primitives that are kept out of cells, and met by every ray: few whose boxes are about as large as that of
+    all, and would be in many cells. What is left may be in a much smaller place."""
+    none = np.zeros(0, np.int64)
+    if len(parts) <= LARGE_COUNT:
+        return none
+    lo, hi = _bounds(parts, slice(None))
+    scale = 1 / max(float((hi - lo).max()), float(np.finfo(parts.lo.dtype).tiny) * 2**20)
+    longest = np.maximum(parts.hi[:, 0] - parts.lo[:, 0], parts.hi[:, 1] - parts.lo[:, 1])
+    longest = np.maximum(longest, parts.hi[:, 2] - parts.lo[:, 2])
+    # A box has less than three times its longest side squared for its half surface.
+    candidates = np.flatnonzero(longest * scale >= (LARGE_SHARE * _area((hi - lo) * scale) / 3) ** 0.5)
+    sides = (parts.hi[candidates].astype(np.float64) - parts.lo[candidates]) * scale
+    found = candidates[_area(sides) >= LARGE_SHARE * _area((hi - lo) * scale)]
+    return found if len(found) <= LARGE_COUNT else none
 
 
 def _solid(parts: Primitives) -> np.ndarray | None:
@@ -145,17 +174,18 @@ def _solid(parts: Primitives) -> np.ndarray | None:
 
 def _outermost(job: _Job) -> Level:
     parts, box, rule = job.parts, job.box, job.rule
-    n, dtype = len(parts), parts.lo.dtype
+    dtype = parts.lo.dtype
     none = np.zeros((1, 3), np.int64)
     corner = np.full((1, 3), -2 * box.margin, dtype)
+    prim = np.arange(len(parts), dtype=np.uint32)[job.among]
 
     def make(cells: np.ndarray) -> Lattices:
         return Lattices.make(corner, box.size[None], cells, 0, none[:, 0], none)
 
-    target = np.array([min(max(1.0, rule.density[0] * n), rule.max_cells)])
-    extents = Extents.of((parts.hi - parts.lo) * (box.scale / box.size).astype(dtype), job.solid)
-    everything = np.arange(n, dtype=np.uint32)
-    return fill(job.subjects, everything, np.zeros(n, np.uint32), make, box.size[None], extents, target, job.least)
+    target = np.array([min(max(1.0, rule.density[0] * len(prim)), rule.max_cells)])
+    sides = (parts.hi - parts.lo)[job.among] * (box.scale / box.size).astype(dtype)
+    extents = Extents.of(sides, None if job.solid is None else job.solid[job.among])
+    return fill(job.subjects, prim, np.zeros(len(prim), np.uint32), make, box.size[None], extents, target, job.least)
 
 
 def _inner(job: _Job, levels: list[Level], density: float) -> Level | None:
@@ -203,23 +233,27 @@ def _content(
     job: _Job, prim: np.ndarray, begin: np.ndarray, grid: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Corner and size (m, 3) of boxes around the parts of primitives ``prim`` (n,) within the boxes ``low``, ``high``
-    (m, 3), the first of each at ``begin`` (m,); and the sides (n, 3) of those parts in units of these sizes. They are
-    larger by twice the margin on every side: a ray that rounding puts on the wrong side of a cell's wall enters."""
-    margin, dtype = 2 * job.box.margin, job.parts.lo.dtype
+    (m, 3), the first of each at ``begin`` (m,); and the sides (n, 3) of those parts in units of these sizes.
+
+    They are larger by twice the margin, so that they hold whatever cells widened by it may meet, but reach beyond a
+    cell by a quarter only: so far rounding may lead a ray that is in it, and so far it lists whatever is met.
+    """
+    margin, dtype = job.box.margin, job.parts.lo.dtype
     corner, size = np.empty_like(low), np.empty_like(low, dtype=np.float64)
     sides = np.empty((len(prim), 3), dtype)
     for k in range(3):
         origin, scale = job.box.origin[k].astype(dtype), dtype.type(job.box.scale)
         lo = np.maximum(((job.parts.lo[:, k] - origin) * scale)[prim], low[grid, k])
         hi = np.maximum(np.minimum(((job.parts.hi[:, k] - origin) * scale)[prim], high[grid, k]), lo)
-        corner[:, k] = np.minimum.reduceat(lo, begin) - margin
-        size[:, k] = np.maximum.reduceat(hi, begin).astype(np.float64) + margin - corner[:, k]
-        sides[:, k] = (hi - lo) / size[grid, k].astype(dtype)
+        corner[:, k] = np.maximum(np.minimum.reduceat(lo, begin) - 2 * margin, low[:, k] - margin / 4)
+        top = np.minimum(np.maximum.reduceat(hi, begin) + 2 * margin, high[:, k] + margin / 4)
+        size[:, k] = top.astype(np.float64) - corner[:, k]
+        sides[:, k] = np.minimum((hi - lo) / size[grid, k].astype(dtype), 1)
     return corner, size, sides
 
 
-def _describe(levels: list[Level], primitives: int, size: int) -> dict[str, Any]:
-    references = sum(len(level.prims) for level in levels)
+def _describe(levels: list[Level], primitives: int, large: int, size: int) -> dict[str, Any]:
+    references = sum(len(level.prims) for level in levels) + large
     outermost = levels[0].lattices
     whole = _area(outermost.step[0] * outermost.cells[0])
     walked = tested = 0.0
@@ -236,9 +270,10 @@ def _describe(levels: list[Level], primitives: int, size: int) -> dict[str, Any]
         "leaves": sum(len(level.cell) for level in levels),
         "depth": len(levels),
         "bytes": int(size),
-        "sah_cost": walked + tested,
+        "sah_cost": walked + tested + large,
         "expected_cells": walked,
-        "expected_primitives": tested,
+        "expected_primitives": tested + large,
+        "in_no_cell": large,
         "cells": sum(len(level.clear) for level in levels),
         "resolution": tuple(int(k) for k in outermost.cells[0]),
         "longest_list": max(int(level.count.max(initial=0)) for level in levels),

@@ -24,7 +24,7 @@ from ..types import Types
 from .grid_lattice import CELLS, CORNER, FIRST, PARENT, PER_STEP, PLACE, STEP, WORDS
 
 ERROR = 32
-NEAR = 4
+NEAR = 16
 
 
 @dataclass

@@ -32,16 +32,18 @@ WIDE = 8
 
 @dataclass(frozen=True, eq=False)
 class DeviceGrids:
-    """Grids on the device: ``lattices``, ``words`` of their cells, ``lists``, where from ``all`` on every primitive is
-    listed once, the map x -> (x - ``origin``) ``scale`` to their coordinates, the sum ``size`` of the outermost's
-    sides, how far ``near`` origins may be, the largest ``tilt`` (2 L^2 / A, see :mod:`.grid_overlap`) of a triangle
-    kept out of a cell by its plane, and whether grids are ``nested`` in cells."""
+    """Grids on the device: ``lattices``; ``words`` of their cells; ``lists``, where from ``all`` on every primitive is
+    listed once, those that are in no cell last, from ``large`` on (None if there are none); the map x -> (x -
+    ``origin``) ``scale`` to their coordinates; the sum ``size`` of the outermost's sides; how far ``near`` origins may
+    be; the largest ``tilt`` (2 L^2 / A, see :mod:`.grid_overlap`) of a triangle kept out of a cell by its plane; and
+    whether grids are ``nested`` in cells."""
 
     types: Types
     lattices: Any
     words: Any
     lists: Any
     all: Any
+    large: Any
     primitives: DevicePrimitives
     origin: Any
     scale: Any
@@ -100,12 +102,15 @@ def _walk(
     """The loop. ``found`` is carried along; ``test(i, at, found)`` meets primitive i; beyond ``farthest(found)`` no
     hit matters."""
     types = grids.types
-    walk, begin, enters = _start(grids, ray, farthest(found), active)
-    zero = dr.zeros(types.Float, dr.width((enters, found)))
+    walk, begin, enters = _start(grids, ray, farthest(found))
+    zero = dr.zeros(types.Float, dr.width((enters, active, found)))
     # A beam that is as wide as everything meets each primitive once rather than in each of its cells.
-    scans = ~(walk.radius * WIDE <= grids.size)
-    at = dr.select(enters, dr.select(scans, grids.all, READ), DONE) + types.UInt(zero)
-    after_list = dr.select(scans, types.UInt(DONE), STEP)
+    scans = enters & ~(walk.radius * WIDE <= grids.size)
+    first = dr.select(enters, types.UInt(READ), DONE)
+    next_after_all = dr.select(scans, DONE, first)
+    if grids.large is not None:
+        first = grids.large
+    at = dr.select(active, dr.select(scans, grids.all, first), DONE) + types.UInt(zero)
     # The only grid is entered here; grids in grids on the way, at the time that is carried.
     place = [zero + 0 if grids.nested else p + zero for p in walk.root.cell_at(begin)]
     inner = (types.UInt(zero), begin + zero) if grids.nested else ()
@@ -115,6 +120,8 @@ def _walk(
 
     def meet(at: Any, found: Any) -> tuple[Any, Any]:
         entry = dr.gather(types.UInt, grids.lists, at)
+        among_all = scans if grids.large is None else at >= grids.all
+        after_list = dr.select(among_all, next_after_all, STEP)
         after = dr.select((entry & LAST) != 0, after_list, at + 1)
         return test(entry & ~types.UInt(LAST), after, found)
 
@@ -130,7 +137,7 @@ def _walk(
     return dr.while_loop(state, lambda at, *_: at != DONE, turn, labels=labels, label=label)[-1]
 
 
-def _start(grids: DeviceGrids, ray: LocalRay, farthest: Any, active: Any) -> tuple[_Walk, Any, Any]:
+def _start(grids: DeviceGrids, ray: LocalRay, farthest: Any) -> tuple[_Walk, Any, Any]:
     """What is known of each ray, when it enters the outermost grid, and whether it does."""
     types = grids.types
     walker = walk_ray(ray, grids.origin, grids.scale, types)
@@ -146,7 +153,7 @@ def _start(grids: DeviceGrids, ray: LocalRay, farthest: Any, active: Any) -> tup
     slack = [leave[k] + error[k] for k in range(3)]
     begin = greater(greater(enter[0], enter[1]), greater(enter[2], walker.start))
     end = lesser(lesser(slack[0], slack[1]), lesser(slack[2], walker.time(farthest)))
-    return _Walk(grids, walker, root, ~(reach <= grids.near), radius, leaves), begin, (begin <= end) & active
+    return _Walk(grids, walker, root, ~(reach <= grids.near), radius, leaves), begin, begin <= end
 
 
 def _step(walk: _Walk, limit: Any, at: Any, place: list[Any], clear: Any, inner: tuple[Any, ...]) -> tuple[Any, ...]:

