@@ -18,7 +18,7 @@ README = Path(__file__).parent.parent / "README.md"
 
 
 def body(table: Path, section: str) -> str:
-    """The table and what is said about it, without titles; of a ``section``, if one is named, what its title begins with."""
+    """The table and what is said about it, without titles; of the section whose title begins so, if one is named."""
     text = table.read_text()
     if section:
         found = re.search(rf"^## {re.escape(section)}.*?$(.*?)(?=^## |\Z)", text, flags=re.DOTALL | re.MULTILINE)

@@ -80,8 +80,9 @@ def refit_volumes(
     parts = geometry.primitives()
     assert parts is not None
     of_children = table.numpy().reshape(-1, WORDS)[rows.of_children.numpy()]
-    return Refit(geometry, volume_nodes(topology, parts.reordered(topology.order), of_children, volume), device,
-    expected)
+    return Refit(
+        geometry, volume_nodes(topology, parts.reordered(topology.order), of_children, volume), device, expected
+    )
 
 
 def _items(moved: Geometry | Surface | Sequence[Surface]) -> list[Surface] | None:
@@ -155,9 +156,7 @@ class _Rows:
         return _Rows(owned(refs[leaf], UInt), [owned(rows[level], UInt) for level in levels], owned(rows, UInt))
 
 
-def _boxes_from_below(
-    primitives: Any, topology: Topology, rows: _Rows
-) -> tuple[Any, tuple[float, float]]:
+def _boxes_from_below(primitives: Any, topology: Topology, rows: _Rows) -> tuple[Any, tuple[float, float]]:
     """The table of boxes, and how many nodes and primitives a ray through the root is expected to meet."""
     types = topology.types
     UInt, Float, width = types.UInt, types.Float, topology.width

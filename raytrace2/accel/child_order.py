@@ -116,6 +116,4 @@ def _pick(refs: list[Any], index: Any) -> Any:
 
 
 def _pick4(refs: list[Any], index: Any) -> Any:
-    return dr.select(
-        index < 2, dr.select(index == 0, refs[0], refs[1]), dr.select(index == 2, refs[2], refs[3])
-    )
+    return dr.select(index < 2, dr.select(index == 0, refs[0], refs[1]), dr.select(index == 2, refs[2], refs[3]))

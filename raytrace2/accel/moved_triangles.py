@@ -54,8 +54,10 @@ def _faces(meshes: Sequence[Surface], topology: Topology) -> Any:
     arrays."""
     tables = [m.faces for m in meshes if isinstance(m, TriangleMesh)]
     kept = topology.__dict__.get("_faces")
-    if kept is not None and len(kept[0]) == len(tables) and all(
-        a is b or np.array_equal(a, b) for a, b in zip(kept[0], tables, strict=True)
+    if (
+        kept is not None
+        and len(kept[0]) == len(tables)
+        and all(a is b or np.array_equal(a, b) for a, b in zip(kept[0], tables, strict=True))
     ):
         return kept[1]
     starts = np.cumsum([0, *(len(m.vertices) for m in meshes if isinstance(m, TriangleMesh))])[:-1]

@@ -95,7 +95,12 @@ def _overlap(references: References, goes_right: np.ndarray) -> np.ndarray:
 
 
 def _cut_some(
-    kinds: Types, references: References, goes_right: np.ndarray, cost: np.ndarray, tried: np.ndarray, remaining: int,
+    kinds: Types,
+    references: References,
+    goes_right: np.ndarray,
+    cost: np.ndarray,
+    tried: np.ndarray,
+    remaining: int,
     geometry: tuple[Any, np.ndarray, np.ndarray, np.ndarray],
 ) -> tuple[References, np.ndarray, int]:
     """Cuts those of the nodes ``tried`` where that costs less, the best first, while the budget lasts; gives the

@@ -45,9 +45,7 @@ def cheapest_cut(types: Types, references: Any, corners: Any, bounds: list[Any],
                     boxes.write(dr.fmin(boxes.read(b * 6 + k), piece[k]), b * 6 + k)
                 return b + 1, boxes
 
-            _, boxes = dr.while_loop(
-                (begin, boxes), lambda b, _, end=end: b <= end, part, label="parts"
-            )
+            _, boxes = dr.while_loop((begin, boxes), lambda b, _, end=end: b <= end, part, label="parts")
         return i + 1, boxes, entries, exits
 
     state = (
@@ -77,7 +75,14 @@ def _cheapest(types: Types, bins: tuple[Any, ...], group: Group, width: int) -> 
             return k - 1, side, n, costs, numbers, boxes, exits
 
         def from_left(
-            k: Any, side: list[Any], n: Any, best: Any, costs: Any, numbers: Any, boxes: Any, entries: Any,
+            k: Any,
+            side: list[Any],
+            n: Any,
+            best: Any,
+            costs: Any,
+            numbers: Any,
+            boxes: Any,
+            entries: Any,
             axis: int = axis,
         ) -> tuple[Any, ...]:
             b = k + axis * BINS

@@ -149,7 +149,12 @@ def _within(
 
 
 def _costs(
-    references: References, left: np.ndarray, right: np.ndarray, across: np.ndarray, lo: np.ndarray, hi: np.ndarray,
+    references: References,
+    left: np.ndarray,
+    right: np.ndarray,
+    across: np.ndarray,
+    lo: np.ndarray,
+    hi: np.ndarray,
     parts: list[tuple[np.ndarray, np.ndarray]],
 ) -> list[np.ndarray]:
     """What a node costs with each of ``across`` cut, all on the left or all on the right (Stich et al., section

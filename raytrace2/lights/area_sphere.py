@@ -90,7 +90,8 @@ class SphereLights:
 
 
 def _cone(p: Any, center: Any, radius: Any, sign: Any) -> tuple[Any, Any, Any, Any, Any]:
-    """The sphere's axis and distance from ``p``; if it is met from outside; ``1 - cos`` and ``sin`` of its half angle."""
+    """The sphere's axis and distance from ``p``; if it is met from outside; ``1 - cos`` and ``sin`` of its half
+    angle."""
     axis, distance = towards(p, center)
     # A sphere that shines inwards is met from inside only: points on it are not outside, wherever rounding puts them.
     outside = (distance > radius) & (sign > 0)

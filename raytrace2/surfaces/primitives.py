@@ -130,7 +130,8 @@ class DevicePrimitives:
         code = record.decode_integer(words[record.KIND], self.types)
         for kind, place in self._codes():
             best = dr.if_stmt(
-                (best,), code == kind + 8 * place,
+                (best,),
+                code == kind + 8 * place,
                 lambda b, kind=kind, place=place: (self._meet(kind, place, words, id, ray, b),),
                 lambda b: (b,),
             )[0]
@@ -145,7 +146,8 @@ class DevicePrimitives:
         blocked = dr.full(self.types.Bool, False, dr.width(i))
         for kind, place in self._codes():
             blocked = dr.if_stmt(
-                (blocked,), code == kind + 8 * place,
+                (blocked,),
+                code == kind + 8 * place,
                 lambda b, kind=kind, place=place: (b | self._occludes(kind, place, words, ray),),
                 lambda b: (b,),
             )[0]
