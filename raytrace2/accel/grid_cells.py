@@ -18,8 +18,8 @@ MOST = 1 << 30
 
 def sorted_pairs(pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The upper and the lower halves of numbers ``pairs`` (n,) uint64, by size."""
-    pairs = np.sort(pairs)
-    return (pairs >> np.uint64(32)).astype(np.uint32), pairs.astype(np.uint32)
+    halves = np.sort(pairs.astype("<u8", copy=False)).view("<u4").reshape(-1, 2)
+    return halves[:, 1], np.ascontiguousarray(halves[:, 0])
 
 
 def runs(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
