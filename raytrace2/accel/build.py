@@ -13,6 +13,7 @@ from ..surfaces.structure import Structure
 from ..surfaces.surface import Surface
 from ..types import types
 from .bounding_volumes import BoundingVolumes, BoundingVolumesConfig
+from .bsp import Bsp, BspConfig
 from .bvh import Bvh, BvhConfig
 from .grid import Grid, GridConfig
 from .hierarchical_grid import HierarchicalGrid, HierarchicalGridConfig
@@ -41,6 +42,10 @@ def _hierarchical_grid(geometry: Geometry, **options: Any) -> Structure:
     return HierarchicalGrid(geometry, HierarchicalGridConfig(**options))
 
 
+def _bsp(geometry: Geometry, **options: Any) -> Structure:
+    return Bsp(geometry, BspConfig(**options))
+
+
 def _kdtree(geometry: Geometry, **options: Any) -> Structure:
     return KdTreeStructure(geometry, KdTreeConfig(**options))
 
@@ -52,6 +57,7 @@ _KINDS: dict[str, Callable[..., Structure]] = {
     "grid": _grid,
     "hierarchical_grid": _hierarchical_grid,
     "kdtree": _kdtree,
+    "bsp": _bsp,
 }
 
 

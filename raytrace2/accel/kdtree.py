@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drjit as dr
 import numpy as np
@@ -20,18 +20,21 @@ from ..surfaces.structure import Structure
 from . import kdtree_traversal as traversal
 from .kdtree_build import BuildRules, KdTree, build_kdtree
 
+if TYPE_CHECKING:
+    from .bsp_build import BspTree
+
 
 @dataclass(frozen=True)
 class KdTreeConfig:
     """Nodes of at most ``max_leaf_size`` primitives are leaves; larger ones where no plane lowers the expected cost, or
     at ``max_depth`` (None: 8 + 1.3 log2 of the number of primitives). ``traversal_cost`` and ``intersection_cost`` are
-    what a visit and a test cost, in any unit; ``empty_bonus`` is the part of the cost forgiven to planes that cut off empty space
-    (from 0 to below 1)."""
+    what a visit and a test cost, in any unit; ``empty_bonus`` is the part of the cost forgiven to planes that cut off
+    empty space (from 0 to below 1)."""
 
-    max_leaf_size: int = 1
+    max_leaf_size: int = 2
     max_depth: int | None = None
-    traversal_cost: float = 1.0
-    intersection_cost: float = 2.0
+    traversal_cost: float = 2.0
+    intersection_cost: float = 1.0
     empty_bonus: float = 0.2
 
     def __post_init__(self) -> None:
@@ -57,15 +60,9 @@ class KdTreeStructure(Structure):
         begin = time.perf_counter()
         self._device: traversal.PlaneTree | None = None
         parts = present(geometry)
-        self._statistics: dict[str, Any] = {"kind": self.kind, **dict.fromkeys(STATISTICS, 0)}
+        self._statistics: dict[str, Any] = empty_statistics(self.kind)
         if parts is not None:
-            settings = self.config
-            depth = settings.max_depth
-            if depth is None:
-                depth = int(8 + 1.3 * math.log2(len(parts)))
-            rules = BuildRules(
-                settings.max_leaf_size, depth, settings.traversal_cost, settings.intersection_cost, settings.empty_bonus
-            )
+            rules = rules_of(self.config, len(parts))
             tree = build_kdtree(parts, rules)
             words = np.zeros((len(tree.axis), 4), self.types.numpy)
             words[:, 0] = np.where(tree.axis < 3, tree.plane, encode_integers(tree.count, self.types))
@@ -73,7 +70,7 @@ class KdTreeStructure(Structure):
             link = np.where(tree.axis < 3, 4 * tree.child + tree.axis, 4 * tree.first + traversal.LEAF)
             words[:, 3] = encode_integers(link, self.types)
             self._device, size = upload(parts, words, tree.refs, tree.depth, tree.lo, tree.hi)
-            self._statistics = describe(self.kind, tree, len(parts), size, rules)
+            self._statistics = describe(self.kind, tree, tree.axis == 3, len(parts), size, rules)
         self._statistics["build_seconds"] = time.perf_counter() - begin
 
     def traverse(self, ray: LocalRay, best: Candidate, root: Any, active: Any) -> Candidate:
@@ -94,10 +91,17 @@ class KdTreeStructure(Structure):
         return dict(self._statistics)
 
 
-STATISTICS = (
-    "primitives", "references", "duplication", "nodes", "leaves", "empty_leaves", "depth", "bytes",
-    "expected_nodes", "expected_primitives", "sah_cost",
-)  # fmt: skip
+def rules_of(config: KdTreeConfig, primitives: int) -> BuildRules:
+    """What a config says of a build over so many primitives."""
+    depth = int(8 + 1.3 * math.log2(primitives)) if config.max_depth is None else config.max_depth
+    costs = config.traversal_cost, config.intersection_cost
+    return BuildRules(config.max_leaf_size, depth, *costs, config.empty_bonus)
+
+
+def empty_statistics(kind: str) -> dict[str, Any]:
+    """The statistics of a tree over nothing."""
+    counts = ("primitives", "references", "duplication", "nodes", "leaves", "empty_leaves", "depth", "bytes")
+    return {"kind": kind, **dict.fromkeys((*counts, "expected_nodes", "expected_primitives", "sah_cost"), 0)}
 
 
 def present(geometry: Geometry) -> Primitives | None:
@@ -118,7 +122,8 @@ def upload(
     """The tree on the device, and its bytes. Records stand in the order in which leaves first name them."""
     types = parts.types
     if len(words) > traversal.MAX_NODES or len(refs) > traversal.MAX_NODES:
-        raise SettingError(f"a tree of planes has at most {traversal.MAX_NODES} nodes and references: raise max_leaf_size")
+        most = traversal.MAX_NODES
+        raise SettingError(f"a tree of planes has at most {most} nodes and references: raise max_leaf_size")
     named, place = np.unique(refs, return_index=True)
     order = named[np.argsort(place, kind="stable")]
     rank = np.zeros(len(parts), np.uint32)
@@ -137,16 +142,17 @@ def upload(
     return device, words.nbytes + 4 * len(refs) + len(order) * parts.records[:1].nbytes
 
 
-def describe(kind: str, tree: KdTree, primitives: int, size: int, rules: BuildRules) -> dict[str, Any]:
-    """The statistics of a tree of planes."""
-    leaf = tree.axis == 3
+def describe(
+    kind: str, tree: KdTree | BspTree, leaf: np.ndarray, primitives: int, size: int, rules: BuildRules
+) -> dict[str, Any]:
+    """The statistics of a tree of planes with leaves where ``leaf`` is true."""
     nodes, tests = float(tree.share.sum()), float((tree.share * tree.count)[leaf].sum())
     return {
         "kind": kind,
         "primitives": primitives,
         "references": len(tree.refs),
         "duplication": len(tree.refs) / primitives,
-        "nodes": len(tree.axis),
+        "nodes": len(leaf),
         "leaves": int(np.count_nonzero(leaf)),
         "empty_leaves": int(np.count_nonzero(leaf & (tree.count == 0))),
         "depth": tree.depth,

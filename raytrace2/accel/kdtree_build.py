@@ -1,4 +1,6 @@
-"""Building kd-trees a level at a time, by the surface area heuristic with perfect splits (Havran 2000; Wald and Havran 2006).
+"""Building kd-trees a level at a time, by the surface area heuristic with perfect splits.
+
+After Havran 2000, "Heuristic ray shooting algorithms", and Wald and Havran 2006, "On building fast kd-trees".
 
 References to primitives carry the box of what lies of them in their node's cell. A plane sends each reference to the
 sides that its box reaches; those on both sides are clipped, and the parts boxed anew.
@@ -7,6 +9,7 @@ sides that its box reaches; those on both sides are clipped, and the parts boxed
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -71,7 +74,7 @@ def build_kdtree(parts: Primitives, rules: BuildRules) -> KdTree:
         axis = np.where(inner, splits.axis, 3)
         child = np.full(len(nodes), -1)
         child[inner] = made + 2 * np.arange(np.count_nonzero(inner))
-        made += 2 * np.count_nonzero(inner)
+        made += 2 * int(np.count_nonzero(inner))
         kept, _ = nodes.take(leaf).references()
         first = np.zeros(len(nodes), np.int64)
         count = np.where(inner, 0, nodes.count)
@@ -85,9 +88,11 @@ def build_kdtree(parts: Primitives, rules: BuildRules) -> KdTree:
         unpaid = np.repeat(unpaid[split] + (cost >= rules.intersection_cost * nodes.count[split]), 2)
         below = Splits(splits.cost[split], splits.axis[split], splits.plane[split], splits.flat_left[split])
         nodes, prim, lo, hi = _next_level(nodes.take(split), below, prim, lo, hi, corners, is_triangle)
-    columns = [np.concatenate(column) for column in zip(*levels, strict=True)]
-    columns[-1] = columns[-1] / columns[-1][0] if columns[-1][0] > 0 else np.ones(len(columns[-1]))
-    return KdTree(*columns, np.concatenate(refs), len(levels) - 1, root_lo, root_hi)
+    columns: list[Any] = [np.concatenate(column) for column in zip(*levels, strict=True)]
+    share = columns[-1]
+    columns[-1] = share / share[0] if share[0] > 0 else np.ones(len(share))
+    columns += [np.concatenate(refs), len(levels) - 1, root_lo, root_hi]
+    return KdTree(*columns)
 
 
 def _choose(
@@ -111,7 +116,7 @@ def _choose(
 
 
 def _sides(nodes: Nodes, splits: Splits, lo: np.ndarray, hi: np.ndarray) -> tuple[np.ndarray, ...]:
-    """The references of ``nodes``, their node, the ends of their box across its plane, and whether it reaches left and right."""
+    """The references of ``nodes``, their node, and whether their boxes reach left and right of its plane."""
     ref, owner = nodes.references()
     axis, plane = splits.axis[owner], splits.plane[owner]
     a, b = lo[ref, axis], hi[ref, axis]
@@ -124,7 +129,7 @@ def _sides(nodes: Nodes, splits: Splits, lo: np.ndarray, hi: np.ndarray) -> tupl
 def _keep_within_budget(
     splits: Splits, inner: np.ndarray, nodes: Nodes, lo: np.ndarray, hi: np.ndarray, budget: int
 ) -> None:
-    """Takes from ``inner`` the splits that gain least by the reference they add, so that no more than ``budget`` are."""
+    """Takes from ``inner`` the splits that gain least by the reference they add, to stay in ``budget``."""
     if 2 * nodes.count.sum() <= budget:
         return
     split = np.flatnonzero(inner)

@@ -9,7 +9,7 @@ from ..surfaces.primitives import Primitives
 
 
 def triangle_corners(parts: Primitives) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (n, 3, 3) in float64 of the primitives that are triangles, and which (n,) are; the others' mean nothing."""
+    """Corners (n, 3, 3) in float64 of the primitives that are triangles, and which (n,) are; others' mean nothing."""
     words = np.ascontiguousarray(parts.records[:, record.KIND])
     codes = words.view(np.uint32) if words.dtype == np.float32 else words.astype(np.uint32)
     return parts.records[:, :9].astype(np.float64).reshape(-1, 3, 3), codes == record.TRIANGLE

@@ -1,7 +1,7 @@
 """The cheapest plane of each node by the surface area heuristic (Wald and Havran 2006).
 
-A candidate plane p costs ``bonus * (N_left * A_left + N_right * A_right) / A``, tests per ray of the node. Planes across an axis
-have areas linear in their place x (0 to 1 through the cell): ``A_left / A = base + slope * x``.
+A candidate plane costs ``bonus * (N_left * A_left + N_right * A_right) / A`` tests per ray of the node. Planes across
+an axis cut off areas linear in their place x (0 to 1 through the cell): ``A_left / A = base + slope * x``.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def cheapest_splits(types: Types, nodes: Nodes, lo: np.ndarray, hi: np.ndarray, 
 
 
 def _area_model(nodes: Nodes) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """``base``, ``slope`` (n, 3), and the scale and offset that take a plane to its place x: x = (p - offset) * scale."""
+    """``base``, ``slope`` (n, 3), and the scale and offset that take a plane p to its place: (p - offset) * scale."""
     size = nodes.hi.astype(np.float64) - nodes.lo
     unit = size / np.maximum(size.max(axis=1, keepdims=True), np.finfo(np.float64).tiny)
     y, z = np.roll(unit, -1, axis=1), np.roll(unit, -2, axis=1)
@@ -115,7 +115,8 @@ def _exact(types: Types, nodes: Nodes, lo: np.ndarray, hi: np.ndarray, empty_bon
 def _exact_kernel(
     types: Types, boxes: Any, model: Any, owner: Any, start: Any, count: Any, bonus: Any
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The least cost over the six sides of each reference's box, in float32, and a code: flat_left + 2 axis + 6 upper."""
+    """The least cost over the six sides of each reference's box, in float32, and a code: flat_left + 2 axis + 6 if
+    upper."""
     UInt, Float = types.UInt, types.Float
     n = dr.width(owner)
     lane = dr.arange(UInt, n)

@@ -1,9 +1,14 @@
 """Traversal of trees of planes in one symbolic loop: a node or a primitive of each ray a turn.
 
-A ray holds the node it is at, the interval of t in which it passes the node's cell, and a stack of cells to come. At a plane
-there are four cases: the ray passes the near side alone, the far side alone, both, or runs along the plane, in which it
-passes both, too. Which of them is decided with a margin: a hit that a primitive's test reports at t may lie beside the
-primitive by rounding, and so beyond the plane; the margin bounds how far.
+A ray holds the node it is at, the interval of t in which it passes the node's cell, and a stack of cells to come. At a
+plane there are four cases: the ray passes the near side alone, the far side alone, both, or runs along the plane: then
+it passes both, too, if it runs in it to within rounding, and one of them otherwise. Which it is is decided with a
+margin: a hit that a primitive's test reports at t may lie beside the primitive by rounding, and so beyond the plane;
+the margin bounds how far.
+
+A primitive that is listed in several cells may be tested several times, which changes nothing: of two equal hits the
+first stays. Remembering the last one tested (mailboxing) saves no turn of the loop, for a turn costs the same whether
+one ray of sixteen tests or all do; hits count wherever they lie, so that a primitive met is rarely met again.
 """
 
 from __future__ import annotations
@@ -20,8 +25,9 @@ from ..surfaces.primitives import DevicePrimitives, LocalRay
 from ..surfaces.record import decode_integer
 from ..types import Types
 
-#: In units of the round-off, what the rounding of a primitive's test, of the distance to a plane and of the clamping of a
-#: direction add up to, relative to the distance from the origin to the farthest corner of the primitive (sums over axes).
+#: In units of the round-off, what the rounding of a primitive's test, of the distance to a plane and of the clamping of
+#: a direction add up to, relative to the distance from the origin to the farthest corner of the primitive (sums over
+#: the axes; each contributes fewer than ten units).
 ERROR = 32
 
 #: Values of the lowest two bits of a link above the index of the first child, or of a leaf's first reference.
@@ -53,7 +59,8 @@ class PlaneTree:
 
 @dataclass
 class Slopes:
-    """What planes need of a ray: its direction and the reciprocal, finite, with their sizes; and the margin per unit of t."""
+    """What planes need of a ray: its direction and the reciprocal, finite, with its size; the margin per unit of t; and
+    the ``least`` slope against a plane that is told from none."""
 
     o: Any
     d: Any
@@ -62,6 +69,7 @@ class Slopes:
     per_t: Any
     tmin: Any
     round_off: Any
+    least: Any
 
 
 #: From a node's words, its link and a ray: t where the ray meets the plane, the margin of t per unit of distance, and
@@ -132,13 +140,14 @@ def meet_axis_plane(words: list[Any], link: Any, slopes: Slopes) -> tuple[Any, A
 def _slopes(tree: PlaneTree, ray: LocalRay) -> Slopes:
     d = ray.d
     size = abs(d)
-    # A component this much smaller than the largest moves the ray by less than the margin; the clamp keeps reciprocals finite.
+    # A component this much smaller than the largest moves the ray by less than the margin; the clamp keeps reciprocals
+    # finite.
     least = dr.fmax(dr.fmax(size.x, size.y), size.z) * tree.types.epsilon
     clamped = type(d)(*(dr.select(s < least, dr.copysign(least, c), c) for s, c in zip(size, d, strict=True)))
     inverse = dr.rcp(clamped)
     round_off = tree.types.Float(ERROR * tree.types.epsilon)
     along = size.x + size.y + size.z
-    return Slopes(ray.o, d, inverse, abs(inverse), along * round_off, ray.tmin, round_off)
+    return Slopes(ray.o, d, inverse, abs(inverse), along * round_off, ray.tmin, round_off, least)
 
 
 def _start(tree: PlaneTree, slopes: Slopes, tmax: Any, root: Any, active: Any) -> tuple[Any, ...]:
@@ -157,8 +166,8 @@ def _start(tree: PlaneTree, slopes: Slopes, tmax: Any, root: Any, active: Any) -
     zero = dr.zeros(UInt, width)
     at = dr.select(active & (t0 <= t1), root, DONE) + zero
     stack = dr.alloc_local(Float, 3 * tree.stack_size)
-    # The stack grows downwards from its size, which so is a number in the kernel: Dr.Jit 1.5.0 takes kernels that differ in
-    # nothing but the length of a local array for the same, and runs the one with the shorter array.
+    # The stack grows downwards from its size, which so is a number in the kernel: Dr.Jit 1.5.0 takes kernels that
+    # differ in nothing but the length of a local array for the same, and runs the one with the shorter array.
     return at, zero, zero + 0, t0, t1, stack, dr.full(UInt, 3 * tree.stack_size, width)
 
 
