@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import drjit as dr
 import numpy as np
 
 from ..buffers import owned
@@ -17,6 +18,8 @@ from .kdtree_split import Nodes
 
 #: References per primitive, above which no more are made. (Their polygons take more memory than boxes.)
 MAX_DUPLICATION = 4
+#: Polygons cut at a time, so that temporaries stay small.
+_BLOCK = 1 << 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +65,10 @@ class _Pool:
         self._used = 0
         self.put(self.more(n), first)
 
+    @property
+    def slots(self) -> int:
+        return self._all.corner.shape[1]
+
     def take(self, row: np.ndarray) -> Polygons:
         return self._all.take(row)
 
@@ -99,14 +106,18 @@ def build_bsp(parts: Primitives, rules: BuildRules) -> BspTree:
         count = nodes.count[asked]
         live = _References(refs.prim[ref], refs.row[ref])
         part = Nodes(np.cumsum(count) - count, count, nodes.lo[asked], nodes.hi[asked])
-        corner = pool.corners(live.row)
-        on_device = owned(corner, types("float64").Float)
-        part = _tightened(part, tilted[asked], on_device, corner.shape[1])
+        slots = pool.slots
+        on_device = owned(pool.corners(live.row), types("float64").Float)
+        # The same memory seen from the host.
+        corner = on_device.numpy()[: 4 * slots * len(live.row)].reshape(-1, slots, 4)
+        part = _tightened(part, tilted[asked], on_device, slots)
         nodes.lo[asked], nodes.hi[asked] = part.lo, part.hi
         planes = _choose(part, corner, on_device, unpaid[asked], rules, epsilon)
         planes = _Planes(planes.cost, *(v.astype(dtype).astype(np.float64) for v in (planes.normal, planes.point)))
-        below, above = _sides(part, planes, on_device, corner.shape[1], epsilon)
+        below, above = _sides(part, planes, on_device, slots, epsilon)
         del corner, on_device
+        # The next level wants a buffer of another size: what is kept for reuse would add up.
+        dr.flush_malloc_cache()
         added = np.bincount(_owners(part)[below & above], minlength=len(part))
         splits = np.isfinite(planes.cost) & (listed + nodes.count.sum() + np.cumsum(added) <= most)
 
@@ -189,12 +200,14 @@ def _next_level(
     owner = _owners(nodes)
     rank = place[owner]
     both = np.flatnonzero(below & above & (rank >= 0))
-    whole = pool.take(refs.row[both])
-    height = whole.heights(planes.normal[owner[both]], planes.point[owner[both]])
     row_above = refs.row.copy()
     row_above[both] = pool.more(len(both))
-    pool.put(row_above[both], whole.above(height))
-    pool.put(refs.row[both], whole.above(-height))
+    for begin in range(0, len(both), _BLOCK):
+        some = both[begin : begin + _BLOCK]
+        whole = pool.take(refs.row[some])
+        height = whole.heights(planes.normal[owner[some]], planes.point[owner[some]])
+        pool.put(row_above[some], whole.above(height))
+        pool.put(refs.row[some], whole.above(-height))
     sides = [(below & (rank >= 0), refs.row, 0), (above & (rank >= 0), row_above, 1)]
     child = np.concatenate([2 * rank[goes] + side for goes, _, side in sides])
     order = np.argsort(child, kind="stable")
