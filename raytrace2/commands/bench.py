@@ -44,5 +44,6 @@ def run(args: argparse.Namespace) -> int:
     table = as_table(ray_speed(mesh, args.accel or ["bvh"], side=args.side, repeat=args.repeat))
     print(table)
     if args.output:
+        Path(args.output).parent.mkdir(parents=True, exist_ok=True)
         write_atomically(args.output, (table + "\n").encode())
     return 0
