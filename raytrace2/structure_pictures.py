@@ -38,8 +38,8 @@ class StructureView:
 
     @property
     def cost(self) -> np.ndarray:
-        """Volumes and primitives tested per ray: what a ray waits for."""
-        return self.volumes + self.primitives
+        """Nodes visited, and volumes and primitives tested, per ray."""
+        return self.nodes + self.volumes + self.primitives
 
 
 def view_structure(scene: Scene, accel: str, *, sensor: int = 0, size: tuple[int, int] | None = None) -> StructureView:
@@ -68,14 +68,12 @@ def as_sheet(views: Sequence[StructureView]) -> np.ndarray:
     columns = []
     for view in views:
         heat = _heat(view.cost / max(greatest, 1))
-        caption = f"{view.name}: {view.volumes.mean():.1f} volumes, {view.primitives.mean():.1f} primitives a ray"
+        means = (view.nodes.mean(), view.volumes.mean(), view.primitives.mean())
+        caption = f"{view.name}: {means[0]:.1f} nodes, {means[1]:.1f} volumes, {means[2]:.1f} primitives"
         columns.append(np.concatenate([_caption(caption, heat.shape[1]), view.boxes, heat], axis=0))
-    scale = _caption(f"below: volumes and primitives tested, black 0 to white {greatest:.0f}", columns[0].shape[1])
-    height = columns[0].shape[0]
     sheet = np.concatenate(columns, axis=1)
-    footer = np.zeros((scale.shape[0], sheet.shape[1], 3), np.uint8)
-    footer[:, : scale.shape[1]] = scale
-    return np.concatenate([sheet[:height], footer], axis=0)
+    footer = _caption(f"below: all of these per ray, black 0 to white {greatest:.0f}", sheet.shape[1])
+    return np.concatenate([sheet, footer], axis=0)
 
 
 def _pixel_rays(camera: Any, structure: Structure) -> Ray:

@@ -128,6 +128,9 @@ def _walk(
     def turn(at: Any, place: list[Any], clear: Any, inner: tuple[Any, ...], found: Any) -> tuple[Any, ...]:
         state = (at, place, clear, inner, found)
         walks = (at == STEP) | (at == READ)
+        if isinstance(found, Candidate) and found.counts is not None:
+            found = found.counted(walks, nodes=1)
+            state = (at, place, clear, inner, found)
         at, place, clear, inner = dr.if_stmt(state, walks, step, lambda *s: s[:4])
         at, found = dr.if_stmt((at, found), at < STEP, meet, lambda *s: s)
         return at, place, clear, inner, found

@@ -90,6 +90,7 @@ def closest(tree: PlaneTree, meet: Meet, ray: LocalRay, best: Candidate, root: A
         return i + 1, tree.primitives.intersect_one(which, ready, best)
 
     def turn(at: Any, i: Any, end: Any, t0: Any, t1: Any, stack: Any, size: Any, best: Candidate) -> tuple[Any, ...]:
+        best = best.counted(at < NEXT, nodes=1) if best.counts is not None else best
         state = (at, i, end, t0, t1, stack, size)
         at, i, end, t0, t1, stack, size = dr.if_stmt(state, at < NEXT, visit, lambda *s: s)
         i, best = dr.if_stmt((i, best), i < end, test, lambda *s: s)

@@ -236,14 +236,14 @@ def _cycles(nodes: list[Node]) -> list[Problem]:
             continue
         path: list[Node] = [start]
         active = {id(start)}
-        todo = [iter(start.children)]
-        while todo:
-            child = next(todo[-1], (None, None))[1]
+        pending = [iter(start.children)]
+        while pending:
+            child = next(pending[-1], (None, None))[1]
             if child is None:
                 finished = path.pop()
                 active.discard(id(finished))
                 done.add(id(finished))
-                todo.pop()
+                pending.pop()
             elif id(child) in active:
                 loop = [n.id for n in path[path.index(child) :]] + [child.id]
                 problems.append(
@@ -252,5 +252,5 @@ def _cycles(nodes: list[Node]) -> list[Problem]:
             elif id(child) not in done:
                 path.append(child)
                 active.add(id(child))
-                todo.append(iter(child.children))
+                pending.append(iter(child.children))
     return problems

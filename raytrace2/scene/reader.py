@@ -116,13 +116,13 @@ def _scene_properties(root: Node, shapes: list[Shape], reading: Reading) -> None
 
 def _unknown_plugins(node: Node, parsed: ParsedScene, reading: Reading, seen: set[int]) -> None:
     """Names that Mitsuba does not know either are mistakes even in objects that nothing uses."""
-    todo = [node]
-    while todo:
-        node = todo.pop()
+    pending = [node]
+    while pending:
+        node = pending.pop()
         if id(node) in seen:
             continue
         seen.add(id(node))
-        todo.extend(child for _, child in node.children)
+        pending.extend(child for _, child in node.children)
         refused = any(p.location == node.location and f"'{node.plugin}'" in p.message for p in reading.problems)
         if node.kind != "scene" and not refused and not parsed.is_plugin(node.plugin):
             reading.refuse(node, f"there is no such {node.kind}", "check its name")
