@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -13,9 +14,11 @@ from ..buffers import owned
 from ..surfaces import record
 from ..surfaces.geometry import Geometry
 from ..surfaces.hit import Candidate
+from ..surfaces.levels import Level
 from ..surfaces.primitives import LocalRay, Primitives
 from ..surfaces.structure import Structure
 from . import bounding_volumes_traversal as traversal
+from .level_boxes_bvh import volume_levels
 from .volume_groups import Groups, expected_tests, few_large, half_area, halved, in_runs, with_singles
 from .volumes import VOLUMES
 from .volumes.hulls import Hulls
@@ -138,6 +141,9 @@ class BoundingVolumes(Structure):
         if self._device is None:
             return dr.full(self.types.Bool, False, dr.width(root))
         return traversal.anything(self._device, ray, root, active)
+
+    def own_levels(self, bounds: tuple[np.ndarray, np.ndarray]) -> Iterator[Level]:
+        return iter(()) if self._device is None else volume_levels(bounds, self._device, self.config.volume)
 
     def statistics(self) -> dict[str, Any]:
         """Counts of volumes and primitives, bytes on the device, the seconds that the build took, how many volumes

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,12 +12,14 @@ import numpy as np
 
 from ..surfaces.geometry import Geometry
 from ..surfaces.hit import Candidate
+from ..surfaces.levels import Level
 from ..surfaces.primitives import LocalRay
 from ..surfaces.record import encode_integers
 from ..surfaces.structure import Structure
 from . import kdtree_traversal as traversal
 from .bsp_build import BspTree, build_bsp
 from .kdtree import KdTreeConfig, describe, empty_statistics, present, rules_of, upload
+from .level_boxes_planes import plane_levels
 
 #: Words of a node: the plane's normal and a point on it (a leaf has its count in the first), its reach and its link.
 WORDS = 8
@@ -68,6 +71,9 @@ class Bsp(Structure):
         if self._device is None:
             return dr.full(self.types.Bool, False, dr.width(root))
         return traversal.anything(self._device, _meet_plane, ray, root, active)
+
+    def own_levels(self, bounds: tuple[np.ndarray, np.ndarray]) -> Iterator[Level]:
+        return iter(()) if self._device is None else plane_levels(bounds, self._device)
 
     def statistics(self) -> dict[str, Any]:
         """What the kd-tree tells, with the boxes around cells for the cells, and how many planes are across no axis."""

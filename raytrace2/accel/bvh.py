@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import drjit as dr
@@ -11,6 +11,7 @@ import numpy as np
 
 from ..surfaces.geometry import Geometry
 from ..surfaces.hit import Candidate
+from ..surfaces.levels import Level
 from ..surfaces.primitives import DevicePrimitives, LocalRay
 from ..surfaces.structure import Structure
 from ..surfaces.surface import Surface
@@ -20,6 +21,7 @@ from .builders import BUILDERS
 from .bvh_config import BvhConfig
 from .bvh_refit import Refit, refit_boxes, refit_volumes
 from .collapse import WideTree, collapse
+from .level_boxes_bvh import bvh_levels
 from .octant_slots import by_octant
 from .topology import Topology
 from .volume_nodes import volume_nodes
@@ -161,6 +163,11 @@ class Bvh(Structure):
         if self._device is None:
             return dr.full(self.types.Bool, False, dr.width(root))
         return bvh_traversal.anything(self._device, ray, root + self._root, active)
+
+    def own_levels(self, bounds: tuple[np.ndarray, np.ndarray]) -> Iterator[Level]:
+        if self._device is None or self._topology is None:
+            return iter(())
+        return bvh_levels(bounds, self._device.nodes, self._topology, self.config.volume)
 
     def statistics(self) -> dict[str, Any]:
         """Counts of nodes, leaves, primitives and references to them, depth, bytes on the device and the seconds that

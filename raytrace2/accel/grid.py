@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,10 +12,12 @@ import numpy as np
 
 from ..surfaces.geometry import Geometry
 from ..surfaces.hit import Candidate
+from ..surfaces.levels import Level
 from ..surfaces.primitives import LocalRay
 from ..surfaces.structure import Structure
 from . import grid_walk
 from .grid_build import Rule, build_grids
+from .level_boxes_grid import grid_levels
 
 #: Cells of one grid are counted in floating point: all numbers up to here are exact in either precision.
 MOST_CELLS = 1 << 24
@@ -66,6 +69,9 @@ class GridStructure(Structure):
         if self._grids is None:
             return dr.full(self.types.Bool, False, dr.width(root))
         return grid_walk.anything(self._grids, ray, dr.width((root, active)), active)
+
+    def own_levels(self, bounds: tuple[np.ndarray, np.ndarray]) -> Iterator[Level]:
+        return iter(()) if self._grids is None else grid_levels(bounds, self._grids)
 
     def statistics(self) -> dict[str, Any]:
         """Counts of primitives, references to them from cells, grids (``nodes``), cells, cells with a list (``leaves``)

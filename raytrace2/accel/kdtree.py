@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -14,11 +15,13 @@ from ..buffers import owned
 from ..errors import SettingError
 from ..surfaces.geometry import Geometry
 from ..surfaces.hit import Candidate
+from ..surfaces.levels import Level
 from ..surfaces.primitives import LocalRay, Primitives
 from ..surfaces.record import encode_integers
 from ..surfaces.structure import Structure
 from . import kdtree_traversal as traversal
 from .kdtree_build import BuildRules, KdTree, build_kdtree
+from .level_boxes_planes import plane_levels
 
 if TYPE_CHECKING:
     from .bsp_build import BspTree
@@ -82,6 +85,9 @@ class KdTreeStructure(Structure):
         if self._device is None:
             return dr.full(self.types.Bool, False, dr.width(root))
         return traversal.anything(self._device, traversal.meet_axis_plane, ray, root, active)
+
+    def own_levels(self, bounds: tuple[np.ndarray, np.ndarray]) -> Iterator[Level]:
+        return iter(()) if self._device is None else plane_levels(bounds, self._device)
 
     def statistics(self) -> dict[str, Any]:
         """Counts of primitives, of references to them from leaves and their ratio ``duplication``, of nodes and leaves;

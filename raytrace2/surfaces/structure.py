@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import drjit as dr
@@ -10,6 +12,7 @@ import numpy as np
 from ..rays.ray import Ray
 from ..types import Types
 from .hit import Candidate, Counts, Hit
+from .levels import Level, is_box, levels_inside, root_level
 from .primitives import LocalRay, Primitives
 from .record import NONE
 from .surface import Surface
@@ -48,10 +51,29 @@ class Structure(Surface):
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return self.geometry.bounds()
 
+    def own_levels(self, bounds: tuple[np.ndarray, np.ndarray]) -> Iterator[Level]:
+        """The structure's own boxes, level by level from that around everything, ``bounds``, on: made when asked for,
+        not kept. ``bounds`` are, and the boxes shall be, in the unit in which the structure holds lengths."""
+        yield root_level(bounds, leaf=True)
+
+    def levels(self) -> Iterator[Level]:
+        """The structure's own boxes and then those of the structures inside it, a level at a time."""
+        bounds = self.bounds()
+        if is_box(bounds):
+            unit = 2.0 ** getattr(self, "exponent", 0)
+            lo, hi = (np.asarray(corner, np.float64) / unit for corner in bounds)
+            for level in self.own_levels((lo, hi)):
+                yield replace(level, lo=level.lo * unit, hi=level.hi * unit)
+        yield from levels_inside(self.geometry)
+
     def level_bounds(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """The boxes (n, 3), (n, 3) that a picture of the structure shows, level by level, the whole first."""
-        lo, hi = self.bounds()
-        return [(lo[None], hi[None])] if np.isfinite(lo).all() else []
+        """Opposite corners (n, 3), (n, 3), float64, of the boxes of each level, the box around everything first.
+
+        Boxes are parts of those of the level before; cells of grids and of trees of planes end in the very planes that
+        rays are met with. After a structure's own levels come those of the structures in it. Structures of a million
+        primitives have as many boxes: :meth:`levels` gives a level at a time, and tells how they hang together.
+        """
+        return [(level.lo, level.hi) for level in self.levels()]
 
     def traverse(self, ray: LocalRay, best: Candidate, root: Any, active: Any) -> Candidate:
         """The closest hit of each active ray no farther than ``best.t``; ``best`` where there is none."""

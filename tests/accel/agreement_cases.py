@@ -196,6 +196,56 @@ def rays(rng: np.random.Generator, points: np.ndarray, n: int, precision: str) -
     return Ray(o, np.where(some[:, None] < 0.5, d_, d_ * scale), tmin, tmax, precision=precision)
 
 
+def rays_in_planes(
+    rng: np.random.Generator, levels: list[tuple[np.ndarray, np.ndarray]], n: int, precision: str
+) -> Ray:
+    """About ``n`` rays in the planes of the boxes ``levels``, every level as often: within a face, along an edge, from
+    and through corners, either exactly or off by a round-off, from inside as from outside."""
+    low, high = levels[0][0][0], levels[0][1][0]
+    reach = max(float((high - low).max()), 1e-30)
+    m = n // 5
+    rows = np.arange(m)
+
+    def boxes() -> tuple[np.ndarray, np.ndarray]:
+        level = rng.integers(0, len(levels), m)
+        number = (rng.uniform(size=m) * np.array([len(lo) for lo, _ in levels])[level]).astype(int)
+        lo, hi = (np.array([levels[a][k][b] for a, b in zip(level, number, strict=True)]) for k in (0, 1))
+        return lo, hi
+
+    def corners() -> np.ndarray:
+        lo, hi = boxes()
+        return np.where(rng.uniform(size=(m, 3)) < 0.5, lo, hi)
+
+    dtype = np.dtype(precision)
+
+    def jogged(points: np.ndarray) -> np.ndarray:
+        """Two of three times as they are, else the next number in either direction."""
+        points = points.astype(dtype)
+        towards = rng.choice([0, 0, 0, 0, np.finfo(dtype).max, np.finfo(dtype).min], points.shape).astype(dtype)
+        return np.where(towards == 0, points, np.nextafter(points, towards)).astype(float)
+
+    axis = rng.integers(0, 3, m)
+    zero = np.array([0.0, -0.0, 1e-20])
+    face = rng.uniform(low - 0.2 * reach, high + 0.2 * reach, (m, 3))
+    face[rows, axis] = jogged(corners())[rows, axis]
+    within = rng.normal(size=(m, 3))
+    within[rows, axis] = rng.choice(zero, m)
+    # In the face itself, too: within one box, where the structure has most to decide.
+    lo, hi = boxes()
+    inside = jogged(rng.uniform(lo, hi))
+    inside[rows, axis] = jogged(np.where(rng.uniform(size=(m, 3)) < 0.5, lo, hi))[rows, axis]
+    turned = rng.normal(size=(m, 3))
+    turned[rows, axis] = rng.choice(zero, m)
+    along = rng.choice(zero, (m, 3))
+    along[rows, axis] = rng.choice([-1.0, 1.0], m)
+    outside = rng.uniform(-1.5, 1.5, (m, 3)) * reach + (low + high) / 2
+    edge = jogged(corners()) - along * rng.choice([0.0, 0.25, 2.0], (m, 1)) * reach
+    o = np.concatenate([face, inside, edge, jogged(corners()), outside])
+    d = np.concatenate([within, turned, along, rng.normal(size=(m, 3)), corners() - outside])
+    d[(d == 0).all(axis=1)] = 1.0
+    return Ray(o, d, precision=precision)
+
+
 def disagreements(items: list[Surface], ray: Ray, precision: str) -> dict[str, int]:
     """On how many rays brute force and the hierarchy differ in each field, and how many hits there are."""
     slow = accel.build(items, "brute_force", precision=precision)
