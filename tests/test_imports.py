@@ -34,6 +34,7 @@ LAYERS = (
     ("reconstruction", "film"),
     ("integrators",),
     ("render",),
+    ("box_edges", "box_cuts", "picture_parts"),
     ("load", "provenance", "notebook", "structure_pictures"),
     ("reference",),
     ("compare",),
