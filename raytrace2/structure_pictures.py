@@ -16,12 +16,15 @@ from .rays.ray import Ray
 from .render import choose_camera
 from .scene.description import Camera
 from .scene.scene import Scene
+from .surfaces.levels import Level
 from .surfaces.structure import Structure
 
 #: Colours of the levels drawn, the coarsest first.
 _COLORS = np.array([[255, 255, 255], [255, 225, 80], [255, 140, 50], [240, 60, 110], [190, 90, 255], [70, 190, 255]])
-#: A level whose edges cover more than this share of the image shows nothing: neither do those below it.
-_MOST_COVERED = 0.25
+#: Edges that cover more than this share of the image hide everything: only cuts through surfaces are drawn instead.
+_MOST_EDGES = 0.15
+#: Levels that still cover more than this, together with the dense ones above, show nothing: nor do those below.
+_MOST_COVERED = 0.22
 #: Nor does a level of more boxes than this.
 _MOST_BOXES = 100_000
 
@@ -30,11 +33,12 @@ _MOST_BOXES = 100_000
 class LevelView:
     """A level in a picture: its number from the root (0), how many ``boxes`` it has and how many are ``seen``, and bool
     images (H, W) of where their edges are in ``front`` of surfaces or their sides cut them, and where edges are
-    ``behind``."""
+    ``behind``. Of a ``dense`` level there are the cuts only, and only boxes that hold something visible are seen."""
 
     number: int
     boxes: int
     seen: int
+    dense: bool
     front: np.ndarray
     behind: np.ndarray
 
@@ -91,13 +95,7 @@ def as_sheet(views: Sequence[StructureView]) -> np.ndarray:
     """The views side by side (H, W, 3) uint8: boxes above, costs as heat maps on one scale below."""
     greatest = max(1.0, *(float(np.percentile(view.cost, 99.8)) for view in views))
     width = views[0].shade.shape[1]
-    legends = [
-        [
-            Legend(tuple(_COLORS[k]), f"level {level.number}: {_number_of_boxes(level.boxes)}, {level.seen} in view")
-            for k, level in enumerate(view.levels)
-        ]
-        for view in views
-    ]
+    legends = [[Legend(tuple(_COLORS[k]), _described(level)) for k, level in enumerate(view.levels)] for view in views]
     means = [
         f"{view.nodes.mean():.1f} nodes, {view.volumes.mean():.1f} volumes, {view.primitives.mean():.1f} primitives"
         f" a ray; at most {view.cost.max()}"
@@ -114,8 +112,10 @@ def as_sheet(views: Sequence[StructureView]) -> np.ndarray:
     return np.concatenate([sheet, heat_scale(greatest, "nodes, volumes and primitives a ray", sheet.shape[1])])
 
 
-def _number_of_boxes(number: int) -> str:
-    return f"{number} box" if number == 1 else f"{number} boxes"
+def _described(level: LevelView) -> str:
+    boxes = "box" if level.boxes == 1 else "boxes"
+    where = "on visible surfaces (cuts alone drawn)" if level.dense else "in view"
+    return f"level {level.number}: {level.boxes} {boxes}, {level.seen} {where}"
 
 
 def _pixel_rays(camera: Camera, structure: Structure) -> Ray:
@@ -129,22 +129,31 @@ def _pixel_rays(camera: Camera, structure: Structure) -> Ray:
 
 
 def _chosen(structure: Structure, projection: Projection, points: np.ndarray, depth: np.ndarray) -> list[LevelView]:
-    """Levels that show something: of those whose edges are in the view and leave most of it free, the first and the
-    last and some between, evenly. The first below the root is among them whatever it covers."""
-    found = []
+    """Levels that show something: of those that are in the view and leave most of it free, the first and the last and
+    some between, evenly. The first below the root is among them whatever it covers."""
+    found: list[LevelView] = []
     for number, level in enumerate(structure.levels()):
         if len(level) > _MOST_BOXES and number > 1:
             break
-        front, behind, edged = edge_pixels(projection, level.lo, level.hi, depth)
-        cut, held = cut_pixels(projection, level.lo, level.hi, points, depth)
-        view = LevelView(number, len(level), int(np.count_nonzero(edged | held)), front | cut, behind & ~cut)
-        if number > 1 and view.covered > _MOST_COVERED:
+        view = _seen(number, level, projection, points, depth)
+        if number > 1 and view.covered + sum(other.covered for other in found if other.dense) > _MOST_COVERED:
             break
         if view.covered > 0:
             found.append(view)
     if len(found) <= len(_COLORS):
         return found
     return [found[k] for k in np.linspace(0, len(found) - 1, len(_COLORS)).round().astype(int)]
+
+
+def _seen(number: int, level: Level, projection: Projection, points: np.ndarray, depth: np.ndarray) -> LevelView:
+    """A level as it is drawn: without edges where they would hide everything."""
+    front, behind, edged = edge_pixels(projection, level.lo, level.hi, depth)
+    cut, held = cut_pixels(projection, level.lo, level.hi, points, depth)
+    dense = bool((front | behind).mean() > _MOST_EDGES and cut.any())
+    seen = int(np.count_nonzero(held if dense else edged | held))
+    if dense:
+        return LevelView(number, len(level), seen, dense, cut, np.zeros_like(cut))
+    return LevelView(number, len(level), seen, dense, front | cut, behind & ~cut)
 
 
 def _drawn(shade: np.ndarray, levels: Sequence[LevelView]) -> np.ndarray:

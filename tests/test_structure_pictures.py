@@ -142,3 +142,13 @@ def test_on_the_command_line(tmp_path, capsys):
     assert "primitives a ray" in capsys.readouterr().out
     for wrong in ("balls:x", "no_such_scene"):
         assert main(["accel", "show", wrong, "-o", str(output)]) != 0
+
+
+def test_a_fine_grid_is_drawn_where_it_cuts_surfaces():
+    """All edges of its cells would hide everything."""
+    scene = rt.scenes.make("mountain", 20_000)
+    structure = rt.accel.build(scene, "grid")
+    structure.prepare()
+    level = look_at(structure, scene.view.camera(WIDTH, HEIGHT), "grid").levels[-1]
+    assert level.number == 1 and level.dense and not level.behind.any()
+    assert 0.05 < level.covered < 0.6 and 0 < level.seen < level.boxes

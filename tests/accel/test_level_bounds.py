@@ -64,9 +64,20 @@ def test_boxes_nest_and_leaves_hold_every_primitive(kind, precision):
         weight = np.random.default_rng(1).dirichlet([0.5] * 3, (5, len(corners)))
         inside = (weight[..., None] * corners).sum(axis=2).reshape(-1, 3)
         # Planes of BSP trees put what is within their rounding on one side; these points are rounded themselves.
-        slack = 1e-5 if "bsp" in kind else 1e-15
-        assert covered(corners.reshape(-1, 3), levels, slack if "bsp" in kind else 0).all()
-        assert covered(inside, levels, slack).all()
+        slack = 1e-5 if "bsp" in kind else 0
+        assert covered(corners.reshape(-1, 3), levels, slack).all()
+        assert covered(inside, levels, max(slack, 1e-15)).all()
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e9])
+@pytest.mark.parametrize("kind", STRUCTURES)
+def test_boxes_at_any_scale(kind, scale):
+    (mesh,) = (cases.moved(item, scale, 0.0) for item in FLAT["closed mesh"])
+    levels = list(accel.build(mesh, kind).levels())
+    assert_nested(levels)
+    vertices = mesh.vertices.astype(np.float32).astype(float)
+    assert covered(vertices, levels, 1e-5 * scale if "bsp" in kind else 0).all()
+    np.testing.assert_allclose(levels[0].hi - levels[0].lo, 2 * scale, rtol=0.1)
 
 
 @pytest.mark.parametrize("kind", STRUCTURES)
