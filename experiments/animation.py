@@ -39,8 +39,8 @@ def main() -> int:
                         f"'{ADAPTIVE}' builds (default 1.5)")  # fmt: skip
     parser.add_argument("--side", type=int, default=512, help="primary rays along a side of the image (default 512)")
     parser.add_argument("--repeat", type=int, default=5, help="runs of which the best counts (default 5)")
-    parser.add_argument("--longest", type=float, default=3.0, help="seconds after which runs are not repeated, and "
-                        "which a strategy may take before all get fewer rays (default 3)")  # fmt: skip
+    parser.add_argument("--longest", type=float, default=2.0, help="seconds after which runs are not repeated, and "
+                        "which a strategy may take before all get fewer rays (default 2)")  # fmt: skip
     parser.add_argument("--animations", nargs="*", default=list(DEFORMATIONS), choices=DEFORMATIONS, metavar="NAME",
                         help=f"of {', '.join(DEFORMATIONS)}")  # fmt: skip
     parser.add_argument("--quick", action="store_true", help="small meshes, few frames, few runs")
@@ -97,7 +97,8 @@ def write(output: Path, animations: dict[str, list[Record]], settings: dict[str,
         f"is refitted in every frame; '{ADAPTIVE}': refitted, and built anew in frames whose reported ratio passes "
         f"{settings['threshold']:g}; the others are built in every frame. A frame costs its update and its rays by the "
         f"time of a ray (closest hits, all of one kind); making the mesh's arrays, the same for all, is left out. In "
-        f"brackets, how much dearer the runner-up is. 'handed over': from how many rays a frame another is cheapest.\n"
+        f"brackets, how much dearer the runner-up is. 'handed over': from how many rays a frame another is cheapest. "
+        f"Where '{ADAPTIVE}' built in no frame or in all, it is '{REFIT}' or '{NORMAL}' and takes no part.\n"
     )
     meshes = "".join(
         f"- {name}: {records[0]['about']}; {records[0]['triangles']:,} triangles; in the last frame "

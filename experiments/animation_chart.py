@@ -104,6 +104,6 @@ def _panel(
 
 def _ticks(low: float, high: float) -> list[float]:
     """Round numbers from ``low`` to ``high``, finer where the range is small."""
-    digits = (1.0, 1.1, 1.2, 1.3, 1.5, 1.7, 2.0, 2.5, 3.0, 5.0, 7.0) if high < 5 * low else (1.0, 2.0, 5.0)
+    digits = (1.0, 1.05, 1.1, 1.15, 1.2, 1.3, 1.4, 9.0, 9.5) if high < 1.6 * low else (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
     every = [d * 10.0**e for e in range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1) for d in digits]
     return [v for v in every if low <= v <= high]

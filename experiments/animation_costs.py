@@ -19,8 +19,11 @@ Frames = Mapping[str, Sequence[Record]]
 
 
 def lines(records: Sequence[Record], kind: str) -> dict[str, Line]:
-    """Each strategy's means over the frames."""
-    return {s: (mean(records, s, "update"), mean(records, s, "seconds", kind)) for s in STRATEGIES}
+    """The means over the frames of each strategy that is one of its own: one that never built is the refit, and one
+    that built in every frame is the build and a refit in vain."""
+    built = sum(r["strategies"][ADAPTIVE]["rebuilt"] for r in records)
+    chosen = [s for s in STRATEGIES if s != ADAPTIVE or 0 < built < len(records)]
+    return {s: (mean(records, s, "update"), mean(records, s, "seconds", kind)) for s in chosen}
 
 
 def cost(line: Line, rays: float) -> float:
@@ -70,6 +73,9 @@ def crossover_table(animations: Frames) -> str:
         for records in animations.values():
             for kind in KINDS:
                 of = lines(records, kind)
+                if not of.keys() >= set(pair):
+                    cells.append("")
+                    continue
                 low, high = sorted(pair, key=lambda n, of=of: of[n])
                 at = crossover(of[low], of[high])
                 cells.append(f"always {low}" if math.isinf(at) else f"{low} < {at:.1e} < {high}")
@@ -101,7 +107,7 @@ def strategy_table(animations: Frames) -> str:
 def refit_table(animations: Frames) -> str:
     """How much faster a refit is than the build, and how much slower the rays through it at worst."""
     head = ["animation", "first refit of a tree, ms", "later refits, ms", "sah build, ms", "build / first refit",
-            "build / later refits", "largest reported ratio", "to a tree built then", "bounce's seconds to those then"]  # fmt: skip
+            "build / later refits", "largest reported ratio", "to a new tree", "bounce's seconds"]  # fmt: skip
     rows = []
     for name, records in animations.items():
         refits = [r["strategies"][REFIT]["update"] * 1e3 for r in records]
