@@ -26,7 +26,7 @@ _MOST_EDGES = 0.15
 #: Levels that still cover more than this, together with the dense ones above, show nothing: nor do those below.
 _MOST_COVERED = 0.22
 #: Nor does a level of more boxes than this.
-_MOST_BOXES = 100_000
+_MOST_BOXES = 30_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,10 +130,11 @@ def _pixel_rays(camera: Camera, structure: Structure) -> Ray:
 
 def _chosen(structure: Structure, projection: Projection, points: np.ndarray, depth: np.ndarray) -> list[LevelView]:
     """Levels that show something: of those that are in the view and leave most of it free, the first and the last and
-    some between, evenly. The first below the root is among them whatever it covers."""
+    some between, evenly. The first below the root is among them whatever it covers,
+    unless its boxes are more than can be told apart."""
     found: list[LevelView] = []
     for number, level in enumerate(structure.levels()):
-        if len(level) > _MOST_BOXES and number > 1:
+        if len(level) > _MOST_BOXES:
             break
         view = _seen(number, level, projection, points, depth)
         if number > 1 and view.covered + sum(other.covered for other in found if other.dense) > _MOST_COVERED:
