@@ -18,6 +18,7 @@ class MovedGeometry(Geometry):
 
     def __init__(self, before: Geometry, items: Sequence[Surface]) -> None:
         self.types = before.types
+        self.exponent = before.exponent
         self.surfaces = list(items)
         self.instances = []
         self.first_ids = before.first_ids
@@ -25,7 +26,7 @@ class MovedGeometry(Geometry):
 
     @functools.cached_property
     def _whole(self) -> Geometry:
-        return Geometry(self.surfaces, self.types)
+        return Geometry(self.surfaces, self.types, self.exponent)
 
     def primitives(self) -> Primitives | None:
         return self._whole.primitives()

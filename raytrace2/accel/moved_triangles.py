@@ -26,7 +26,7 @@ def moved_triangles(
     types = topology.types
     UInt, Float = types.UInt, types.Float
     vertices = np.concatenate([m.vertices for m in meshes if isinstance(m, TriangleMesh)]).astype(types.numpy)
-    positions, faces = Float(vertices.ravel()), _faces(meshes, topology)
+    positions, faces = Float(vertices.ravel()) * 2.0**-before.exponent, _faces(meshes, topology)
     n = len(topology.order)
     row = dr.arange(UInt, n)
     corners = []

@@ -19,6 +19,7 @@ from .primitives import Primitives
 from .shading import Shading
 from .structure import Structure
 from .surface import Surface
+from .units import exponent_of, scaled
 
 
 class Geometry:
@@ -26,15 +27,16 @@ class Geometry:
 
     ``items`` may be leaf surfaces, structures (which are entered, not copied) and instances. ``surfaces`` lists the
     leaf surfaces in order, those inside structures and groups included; ``Hit.surface`` indexes it. ``instances``
-    lists the instances.
+    lists the instances. Primitives are held in units of 2^``exponent``, which follows from their extent if not given.
     """
 
-    def __init__(self, items: Sequence[Surface], types: Types) -> None:
+    def __init__(self, items: Sequence[Surface], types: Types, exponent: int | None = None) -> None:
         self.types = types
         self.surfaces: list[Surface] = []
         self.instances: list[Instance] = []
         self.first_ids: list[int] = []
         self.primitive_count = 0
+        self.exponent = 0
         self._parts: list[Primitives] = []
         self._nested: list[Structure] = []
         offsets: dict[int, tuple[int, int]] = {}
@@ -68,6 +70,8 @@ class Geometry:
             self._parts.append(
                 Primitives(types, joined.records, joined.lo, joined.hi, joined.kinds, tuple(self._nested))
             )
+        self.exponent = exponent_of(*self.bounds()) if exponent is None else exponent
+        self._parts = [scaled(part, self.exponent) for part in self._parts]
 
     def _add(self, surfaces: Sequence[Surface]) -> int:
         start = self.primitive_count
@@ -87,8 +91,9 @@ class Geometry:
         """Opposite corners (3,), (3,) of a box around everything; (inf, -inf) if there is nothing."""
         if not self._parts:
             return np.full(3, np.inf), np.full(3, -np.inf)
+        unit = 2.0**self.exponent
         lo = np.min([p.lo.min(axis=0) for p in self._parts], axis=0)
-        return lo, np.max([p.hi.max(axis=0) for p in self._parts], axis=0)
+        return lo * unit, np.max([p.hi.max(axis=0) for p in self._parts], axis=0) * unit
 
     def surface_and_prim(self, id: Any, valid: Any) -> tuple[Any, Any]:
         """The surface's index and the primitive's index within it, for numbers ``id``; NONE where not ``valid``."""

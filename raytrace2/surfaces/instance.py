@@ -45,8 +45,8 @@ class Instance(Surface):
         """The record that leads into the structure: ``id_offset`` is added to the numbers of its primitives,
         ``number`` is the instance's own, ``place`` the structure's position among the nested ones."""
         lo, hi = self.bounds()
-        reach = max(1.0, np.abs(self.structure.bounds()).max())
-        margin = 32 * types.epsilon * np.abs(self.to_world[:3]).sum() * reach
+        reach = np.abs(self.structure.bounds()).max()
+        margin = 32 * types.epsilon * (np.abs(self.to_world[:3, :3]).sum() * reach + np.abs(self.to_world[:3, 3]).sum())
         geometry = np.linalg.inv(self.to_world)[:3].ravel()[None]
         records = record.make_records(geometry, np.array([id_offset]), record.INSTANCE + 8 * place, types, np.zeros(1))
         records[:, record.INSTANCE_NUMBER] = record.encode_integers(np.array([number]), types)

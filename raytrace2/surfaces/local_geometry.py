@@ -11,6 +11,7 @@ import drjit as dr
 from ..types import types_of
 from . import record
 from .frame import coordinate_system
+from .magnitude import powers_of_two, unit
 
 
 @dataclass
@@ -35,8 +36,8 @@ class LocalGeometry:
         return LocalGeometry(
             to_world.point(self.p),
             to_world.error(self.p, self.error),
-            dr.normalize(to_local.transposed(self.n)),
-            dr.normalize(to_local.transposed(self.sh_n)),
+            unit(to_local.transposed(self.n)),
+            unit(to_local.transposed(self.sh_n)),
             self.uv,
             to_world.vector(self.dp_du),
             to_world.vector(self.dp_dv),
@@ -80,13 +81,15 @@ def on_triangle(
     """
     p0, p1, p2 = positions
     e1, e2 = p1 - p0, p2 - p0
-    across = dr.cross(e1, e2)
+    per_size = powers_of_two(dr.fmax(abs(e1), abs(e2)))[1]
+    unit_1, unit_2 = e1 * per_size, e2 * per_size
+    across = dr.cross(unit_1, unit_2)
     area = dr.squared_norm(across)
     thick = area > 0
     if dr.grad_enabled(p):
         inverse_area = dr.rcp(dr.select(thick, area, 1))
-        arm = p - p0
-        moving = dr.dot(arm, dr.cross(e2, across)), dr.dot(arm, dr.cross(across, e1))
+        arm = (p - p0) * per_size
+        moving = dr.dot(arm, dr.cross(unit_2, across)), dr.dot(arm, dr.cross(across, unit_1))
         prim_uv = dr.replace_grad(prim_uv, type(prim_uv)(*moving) * inverse_area)
     b1, b2 = prim_uv.x, prim_uv.y
     p = dr.fma(e1, b1, dr.fma(e2, b2, p0))
@@ -120,10 +123,10 @@ def on_sphere(at: RayPoint, _: Any, to_world: Any, to_local: Any, side: Any) -> 
     """u is the azimuth over 2 pi, v the angle from the local z axis over pi."""
     p = at.polished(to_local, round_axis=False)
     Vector = type(p)
-    local = dr.normalize(to_local.point(p))
+    local = unit(to_local.point(p))
     center = Vector(*to_world.translation)
     arm = to_world.vector(local)
-    n = dr.normalize(arm) * side
+    n = unit(arm) * side
     axis_2 = dr.fma(local.x, local.x, local.y * local.y)
     off_axis = axis_2 > 0
     axis = dr.sqrt(dr.select(off_axis, axis_2, 1))
@@ -144,7 +147,7 @@ def on_rectangle(met: RayPoint, local: Any, to_world: Any, to_local: Any, side: 
     at = _on_plane(p, local, to_local)
     dp_du, dp_dv = to_world.vector(type(p)(2, 0, 0)), to_world.vector(type(p)(0, 2, 0))
     # Where to_world mirrors, the shading normal is opposite, as in Mitsuba: there a rectangle is a mesh with normals.
-    n = dr.normalize(dr.cross(dp_du, dp_dv)) * side
+    n = unit(dr.cross(dp_du, dp_dv)) * side
     uv = _pair(p, dr.fma(at.x, 0.5, 0.5), dr.fma(at.y, 0.5, 0.5))
     error = to_world.error(at, 0)
     return LocalGeometry(to_world.point(at), error, n, _plane_normal(to_local, side, type(p)), uv, dp_du, dp_dv)
@@ -179,7 +182,7 @@ def on_cylinder(at: RayPoint, _: Any, to_world: Any, to_local: Any, side: Any) -
     uv = _pair(p, dr.select(phi < 0, phi + dr.two_pi, phi) * dr.inv_two_pi, local.z)
     dp_du = to_world.vector(Vector(-local.y, local.x, 0) * dr.two_pi)
     dp_dv = to_world.vector(Vector(0, 0, 1))
-    n = dr.normalize(to_local.transposed(Vector(local.x, local.y, 0))) * side
+    n = unit(to_local.transposed(Vector(local.x, local.y, 0))) * side
     return LocalGeometry(to_world.point(local), to_world.error(local, 0), n, n, uv, dp_du, dp_dv)
 
 
@@ -192,7 +195,7 @@ def _on_plane(p: Any, local: Any, to_local: Any) -> Any:
 
 
 def _plane_normal(to_local: Any, side: Any, Vector: Any) -> Any:
-    return dr.normalize(to_local.transposed(Vector(0, 0, 1))) * side
+    return unit(to_local.transposed(Vector(0, 0, 1))) * side
 
 
 def _pair(like: Any, x: Any, y: Any) -> Any:

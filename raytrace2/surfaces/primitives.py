@@ -31,6 +31,11 @@ class Traversable(Protocol):
         """Whether a hit may have been met through an instance."""
         ...
 
+    @property
+    def exponent(self) -> int:
+        """The power of two that is the unit of its lengths."""
+        ...
+
     def traverse(self, ray: LocalRay, best: Candidate, root: Any, active: Any) -> Candidate:
         """The closest hit of each active ray no farther than ``best.t``; ``best`` where there is none."""
         ...
@@ -42,7 +47,8 @@ class Traversable(Protocol):
 
 @dataclass
 class LocalRay:
-    """A ray in the coordinates of the structure being traversed, with a shear if there are triangles to test."""
+    """A ray in the coordinates and the unit of the structure being traversed, with a shear if there are triangles to
+    test."""
 
     o: Any
     d: Any
@@ -58,6 +64,7 @@ class Primitives:
     ``kinds`` are the record kinds present, in the order of the codes; a ray test of a kind that is absent adds no
     operation to a kernel. ``nested`` are the structures that records of kind INSTANCE and NESTED lead into; a
     record's KIND word is ``kind + 8 * (position in nested)``. Bounds enclose the geometry *as the records hold it*.
+    Lengths are in units of 2^``exponent``.
     """
 
     types: Types
@@ -66,6 +73,7 @@ class Primitives:
     hi: np.ndarray
     kinds: tuple[int, ...]
     nested: tuple[Traversable, ...] = ()
+    exponent: int = 0
 
     def __len__(self) -> int:
         return len(self.records)
@@ -81,7 +89,7 @@ class Primitives:
 
     @staticmethod
     def join(parts: Sequence[Primitives]) -> Primitives:
-        """All primitives of ``parts``, which share a precision; only one of them may lead into nested structures."""
+        """All primitives of ``parts``, which share precision and unit; only one may lead into nested structures."""
         if len(parts) == 1:
             return parts[0]
         nested = [p for p in parts if p.nested]
@@ -93,6 +101,7 @@ class Primitives:
             np.concatenate([p.hi for p in parts]),
             tuple(sorted({k for p in parts for k in p.kinds})),
             nested[0].nested if nested else (),
+            parts[0].exponent,
         )
 
     def upload(self, order: np.ndarray | None = None) -> DevicePrimitives:
@@ -101,7 +110,7 @@ class Primitives:
             buffer = owned(self.records, self.types.Float)
         else:
             buffer = owned_rows(self.records, order, self.types)
-        return DevicePrimitives(self.types, buffer, self.kinds, self.nested, self.has_instances)
+        return DevicePrimitives(self.types, buffer, self.kinds, self.nested, self.has_instances, self.exponent)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +122,7 @@ class DevicePrimitives:
     kinds: tuple[int, ...]
     nested: tuple[Traversable, ...]
     has_instances: bool
+    exponent: int
 
     def prepare(self, ray: Any) -> LocalRay:
         """What ray tests need, computed once per ray."""
@@ -176,7 +186,7 @@ class DevicePrimitives:
     def _occludes(self, kind: int, place: int, words: list[Any], ray: LocalRay) -> Any:
         if kind in (record.INSTANCE, record.NESTED):
             root = record.decode_integer(words[record.ROOT], self.types)
-            return self.nested[place].traverse_any(self._into(kind, words, ray), root, True)
+            return self.nested[place].traverse_any(self._into(kind, place, words, ray), root, True)
         inside, t, _, _ = self._line_test(kind, words, ray, ray.tmax)
         return inside & (t >= ray.tmin) & (t <= ray.tmax)
 
@@ -187,10 +197,12 @@ class DevicePrimitives:
             return intersect_triangle(words, ray, ray.shear)
         return _QUADRIC_TESTS[kind](words, ray, ray.tmin, tmax)
 
-    def _into(self, kind: int, words: list[Any], ray: LocalRay) -> LocalRay:
+    def _into(self, kind: int, place: int, words: list[Any], ray: LocalRay) -> LocalRay:
         """The ray in the coordinates of a nested structure; not normalised, so that t means the same inside."""
         if kind == record.NESTED:
-            return LocalRay(ray.o, ray.d, ray.tmin, ray.tmax)
+            factor = 2.0 ** (self.exponent - self.nested[place].exponent)
+            o, d = (ray.o, ray.d) if factor == 1 else (ray.o * factor, ray.d * factor)
+            return LocalRay(o, d, ray.tmin, ray.tmax)
         rows = [words[4 * k : 4 * k + 4] for k in range(3)]
         o, d = ray.o, ray.d
         return LocalRay(
@@ -214,7 +226,7 @@ class DevicePrimitives:
             best.counts,
         )
         root = record.decode_integer(words[record.ROOT], self.types)
-        found = inner.traverse(self._into(kind, words, ray), start, root, True)
+        found = inner.traverse(self._into(kind, place, words, ray), start, root, True)
         id = found.id + offset
         before = id < best.id
         met = None

@@ -16,6 +16,7 @@ from .hit import Hit
 from .instance import Instance
 from .interaction import SurfaceInteraction
 from .local_geometry import LocalGeometry, RayPoint
+from .magnitude import powers_of_two, unit
 from .mesh import TriangleMesh
 from .quadrics import Quadric
 from .surface import Surface
@@ -122,7 +123,8 @@ class Shading:
             local = dr.gather(types.ArrayXf, self.quadric_rows, hit.surface * 2 + 1, valid, shape=(16, dr.width(hit.t)))
             code = types.UInt(world[13])
             is_quadric = valid & (code != record.TRIANGLE)
-            met = RayPoint(p, d, abs(dr.detach(t)) * (8 * types.epsilon))
+            size, per_size = powers_of_two(dr.detach(d))
+            met = RayPoint(p, d * per_size, abs(dr.detach(t)) * size * (8 * types.epsilon))
             for kind in self.quadric_kinds:
                 found = local_geometry.QUADRICS[kind](met, hit.uv, Rows(world), Rows(local), world[12])
                 kinds.append((is_quadric & (code == kind), found))
@@ -209,10 +211,9 @@ class Rows:
 
 def _finish(g: LocalGeometry, ray: Any, t: Any, hit: Hit, valid: Any, types: Types) -> SurfaceInteraction:
     s = g.dp_du - g.sh_n * dr.dot(g.sh_n, g.dp_du)
-    length = dr.squared_norm(s)
     # Where the parameterisation is singular any tangent will do.
     any_s, _ = coordinate_system(g.sh_n)
-    s = dr.select(length > 0, s * dr.rsqrt(dr.select(length > 0, length, 1)), any_s)
+    s = dr.select(dr.any(s != 0), unit(s), any_s)
     frame = Frame(s, dr.cross(g.sh_n, s), g.sh_n)
     zero3 = types.Array3f(0)
     return SurfaceInteraction(

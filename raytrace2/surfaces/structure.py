@@ -16,6 +16,7 @@ from .levels import Level, is_box, levels_inside, root_level
 from .primitives import LocalRay, Primitives
 from .record import NONE
 from .surface import Surface
+from .units import into_units
 
 if TYPE_CHECKING:
     from .geometry import Geometry
@@ -30,6 +31,7 @@ class Structure(Surface):
     def __init__(self, geometry: Geometry) -> None:
         self.geometry = geometry
         self.types: Types = geometry.types
+        self.exponent = geometry.exponent
         self.name = self.kind
 
     def prepare(self) -> None:
@@ -97,24 +99,24 @@ class Structure(Surface):
         types, width = self.types, _width(ray, active)
         zero = dr.zeros(types.Float, width)
         none = dr.full(types.UInt, NONE, width)
-        farthest = self._farthest(ray) + zero
         instance = dr.full(types.UInt, NONE, width) if self.has_instances else None
         counts = Counts(*(dr.zeros(types.UInt, width) for _ in range(3))) if counting else None
-        start = Candidate(farthest, zero, zero + 0, none, instance, counts)
         with dr.suspend_grad():
-            local = LocalRay(ray.o, ray.d, ray.tmin, farthest)
-            found = self.traverse(local, start, dr.zeros(types.UInt, width), _can_hit(ray) & active)
+            local, back = into_units(ray, self._farthest(ray), self.exponent)
+            start = Candidate(local.tmax + zero, zero, zero + 0, none, instance, counts)
+            found = self.traverse(local, start, dr.zeros(types.UInt, width), _can_hit(ray, local) & active)
         valid = found.id != NONE
         surface, prim = self.geometry.surface_and_prim(found.id, valid)
         instance = dr.full(types.UInt, NONE, width) if found.instance is None else found.instance
-        t = dr.select(valid, found.t, dr.inf)
+        t = dr.select(valid, found.t * back, dr.inf)
         return Hit(t, prim, types.Array2f(found.u, found.v), surface, instance), found.counts
 
     def occluded(self, ray: Any, active: Any = True) -> Any:
         ray, active = self._checked(ray), self.types.Bool(active)
         with dr.suspend_grad():
-            local = LocalRay(ray.o, ray.d, ray.tmin, self._farthest(ray))
-            return self.traverse_any(local, dr.zeros(self.types.UInt, _width(ray, active)), _can_hit(ray) & active)
+            local, _ = into_units(ray, self._farthest(ray), self.exponent)
+            root = dr.zeros(self.types.UInt, _width(ray, active))
+            return self.traverse_any(local, root, _can_hit(ray, local) & active)
 
     def interact(self, ray: Any, hit: Hit) -> SurfaceInteraction:
         return self.geometry.interact(self._checked(ray), hit)
@@ -138,6 +140,6 @@ def _width(ray: Ray, active: Any) -> int:
     return dr.width((ray.o, ray.d, ray.tmin, ray.tmax, active))
 
 
-def _can_hit(ray: Ray) -> Any:
+def _can_hit(ray: Ray, local: LocalRay) -> Any:
     """Bool: rays that are rays. NaN would meet every box on its way to no primitive."""
-    return dr.all(dr.isfinite(ray.o)) & dr.all(dr.isfinite(ray.d)) & dr.any(ray.d != 0)
+    return dr.all(dr.isfinite(local.o)) & dr.all(dr.isfinite(ray.d)) & dr.any(local.d != 0)
