@@ -10,12 +10,12 @@ import drjit as dr
 import numpy as np
 
 from ..buffers import owned
-from ..surfaces import record
 from ..surfaces.primitives import Primitives
 from .grid_cells import FULL, INNER, LAST, MOST
-from .grid_fill import Level, fill, most_references
+from .grid_content import Content, content_of
+from .grid_fill import DUPLICATION, Level, fill, most_references
 from .grid_frame import ERROR, NEAR
-from .grid_lattice import WORDS, Extents, Lattices, choose_cells
+from .grid_lattice import WORDS, Lattices, choose_cells
 from .grid_overlap import Subjects
 from .grid_walk import DeviceGrids
 
@@ -67,8 +67,7 @@ class _Box:
 
 @dataclass(frozen=True, eq=False)
 class _Job:
-    """What is put into grids, and how: the primitives ``among`` all; ``least`` is the smallest cell; ``solid`` as
-    :func:`_solid` tells."""
+    """What is put into grids, and how: the primitives ``among`` all; ``least`` is the smallest cell."""
 
     parts: Primitives
     among: np.ndarray | slice
@@ -76,7 +75,6 @@ class _Job:
     box: _Box
     rule: Rule
     least: float
-    solid: np.ndarray | None
 
 
 def build_grids(parts: Primitives, rule: Rule) -> tuple[DeviceGrids, dict[str, Any]]:
@@ -89,7 +87,7 @@ def build_grids(parts: Primitives, rule: Rule) -> tuple[DeviceGrids, dict[str, A
     device = parts.upload()
     subjects = Subjects.make(parts, device, origin, box.scale, box.near, box.margin)
     least = max(LEAST_CELL * box.margin, rule.min_cell * float(box.size.max()))
-    job = _Job(parts, among, subjects, box, rule, least, _solid(parts))
+    job = _Job(parts, among, subjects, box, rule, least)
     levels = [_outermost(job)]
     for density in rule.density[1 : rule.levels]:
         level = _inner(job, levels, density)
@@ -163,15 +161,6 @@ def _large(parts: Primitives) -> np.ndarray:
     return found if len(found) <= LARGE_COUNT else none
 
 
-def _solid(parts: Primitives) -> np.ndarray | None:
-    """Which primitives are met by their box alone: all but triangles. None if there are only triangles."""
-    if parts.kinds == (record.TRIANGLE,):
-        return None
-    codes = np.ascontiguousarray(parts.records[:, record.KIND])
-    codes = codes.view(np.uint32) if codes.dtype == np.float32 else codes.astype(np.uint32)
-    return codes != record.TRIANGLE
-
-
 def _outermost(job: _Job) -> Level:
     parts, box, rule = job.parts, job.box, job.rule
     dtype = parts.lo.dtype
@@ -183,9 +172,12 @@ def _outermost(job: _Job) -> Level:
         return Lattices.make(corner, box.size[None], cells, 0, none[:, 0], none)
 
     target = np.array([min(max(1.0, rule.density[0] * len(prim)), rule.max_cells)])
-    sides = (parts.hi - parts.lo)[job.among] * (box.scale / box.size).astype(dtype)
-    extents = Extents.of(sides, None if job.solid is None else job.solid[job.among])
-    return fill(job.subjects, prim, np.zeros(len(prim), np.uint32), make, box.size[None], extents, target, job.least)
+    size, count = box.size[None], np.array([len(prim)])
+    listed = owned(prim, parts.types.UInt)
+    content = content_of(job.subjects, listed, np.zeros(1, np.int64), count, corner, corner + size.astype(dtype))
+    extents = content.extents(count, size)
+    grid = dr.zeros(parts.types.UInt, len(prim))
+    return fill(job.subjects, listed, grid, make, size, extents, most_references(extents), target, job.least)
 
 
 def _inner(job: _Job, levels: list[Level], density: float) -> Level | None:
@@ -194,62 +186,58 @@ def _inner(job: _Job, levels: list[Level], density: float) -> Level | None:
     Each encloses what is in its cell, which may be much smaller. The lists of these cells leave the last level.
     """
     outer, rule = levels[-1], job.rule
+    # All levels together are to hold no more than one may.
+    room = len(job.parts) / max(len(outer.prims), 1)
     many = np.flatnonzero(outer.count > rule.most_in_cell)
-    if len(many) == 0:
+    if len(many) == 0 or DUPLICATION * room < 1:
         return None
     parent, place = outer.lattices.where(outer.cell[many])
     count, prim = outer.count[many], outer.list_of(many)
-    grid = np.repeat(np.arange(len(many), dtype=np.uint32), count)
     step = outer.lattices.step[parent]
     low = outer.lattices.corner[parent] + place.astype(step.dtype) * step
-    corner, size, sides = _content(job, prim, np.cumsum(count) - count, grid, low, low + step)
-    extents = Extents.of_each(sides, None if job.solid is None else job.solid[prim], count)
+    content = content_of(
+        job.subjects, owned(prim, job.parts.types.UInt), np.cumsum(count) - count, count, low, low + step
+    )
+    corner, size = _enclosing(content, low, low + step, job.box.margin)
+    extents = content.extents(count, size)
+    most = most_references(extents, room)
     target = np.clip(density * count, 1, rule.max_cells)
-    cells = choose_cells(size, extents, target, most_references(extents), job.least)
+    cells = choose_cells(size, extents, target, most, job.least)
     # Primitives that a ray through the cell is to be tested with.
     tested = extents.references(cells) * _area(size / cells) / _area(step)
     good = tested < GAIN * count
     if not good.any():
         return None
     chosen = np.flatnonzero(good)
-    rank = np.cumsum(good, dtype=np.uint32) - np.uint32(1)
-    kept = good[grid]
+    kept = prim if good.all() else prim[np.repeat(good, count)]
+    grid = np.repeat(np.arange(len(chosen), dtype=np.uint32), count[chosen])
     before = sum(len(level.lattices) for level in levels)
     outermost = before - len(outer.lattices)
 
     def make(cells: np.ndarray) -> Lattices:
-        return Lattices.make(corner[good], size[good], cells, outer.lattices.end, parent[good] + outermost, place[good])
+        return Lattices.make(
+            corner[chosen], size[chosen], cells, outer.lattices.end, parent[chosen] + outermost, place[chosen]
+        )
 
-    level = fill(
-        job.subjects, prim[kept], rank[grid[kept]], make, size[good], extents.take(chosen), target[good], job.least
-    )
+    UInt = job.parts.types.UInt
+    extents, most, target = extents.take(chosen), most[chosen], target[chosen]
+    listed, grids = owned(kept, UInt), owned(grid, UInt)
+    level = fill(job.subjects, listed, grids, make, size[chosen], extents, most, target, job.least)
     gone = np.zeros(len(outer.count), bool)
     gone[many[chosen]] = True
     levels[-1] = outer.without(gone)
     return level
 
 
-def _content(
-    job: _Job, prim: np.ndarray, begin: np.ndarray, grid: np.ndarray, low: np.ndarray, high: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Corner and size (m, 3) of boxes around the parts of primitives ``prim`` (n,) within the boxes ``low``, ``high``
-    (m, 3), the first of each at ``begin`` (m,); and the sides (n, 3) of those parts in units of these sizes.
+def _enclosing(content: Content, low: np.ndarray, high: np.ndarray, margin: float) -> tuple[np.ndarray, np.ndarray]:
+    """Corner and size (m, 3) of boxes around what of primitives is within the boxes ``low``, ``high`` (m, 3).
 
     They are larger by twice the margin, so that they hold whatever cells widened by it may meet, but reach beyond a
     cell by a quarter only: so far rounding may lead a ray that is in it, and so far it lists whatever is met.
     """
-    margin, dtype = job.box.margin, job.parts.lo.dtype
-    corner, size = np.empty_like(low), np.empty_like(low, dtype=np.float64)
-    sides = np.empty((len(prim), 3), dtype)
-    for k in range(3):
-        origin, scale = job.box.origin[k].astype(dtype), dtype.type(job.box.scale)
-        lo = np.maximum(((job.parts.lo[:, k] - origin) * scale)[prim], low[grid, k])
-        hi = np.maximum(np.minimum(((job.parts.hi[:, k] - origin) * scale)[prim], high[grid, k]), lo)
-        corner[:, k] = np.maximum(np.minimum.reduceat(lo, begin) - 2 * margin, low[:, k] - margin / 4)
-        top = np.minimum(np.maximum.reduceat(hi, begin) + 2 * margin, high[:, k] + margin / 4)
-        size[:, k] = top.astype(np.float64) - corner[:, k]
-        sides[:, k] = np.minimum((hi - lo) / size[grid, k].astype(dtype), 1)
-    return corner, size, sides
+    corner = np.maximum(content.lo - 2 * margin, low - margin / 4).astype(low.dtype)
+    top = np.minimum(content.hi + 2 * margin, high + margin / 4)
+    return corner, top.astype(np.float64) - corner
 
 
 def _describe(levels: list[Level], primitives: int, large: int, size: int) -> dict[str, Any]:

@@ -8,17 +8,29 @@ primitive's index, with :data:`LAST` on the last.
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 FULL, INNER, LAST = 0x80000000, 0x40000000, 0x80000000
 NUMBER = 0x3FFFFFFF
 #: Most entries of lists, and most grids: what a word has room for.
 MOST = 1 << 30
+#: About so many pairs are sorted at once, and a grid's at least.
+SORTED_AT_ONCE = 1 << 13
 
 
-def sorted_pairs(pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The upper and the lower halves of numbers ``pairs`` (n,) uint64, by size."""
-    halves = np.sort(pairs.astype("<u8", copy=False)).view("<u4").reshape(-1, 2)
+def sorted_pairs(pairs: np.ndarray, first: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The upper and the lower halves of numbers ``pairs`` (n,) uint64, by size. Pairs of a grid, whose cells are
+    numbered from ``first`` (m,) on, stand before those of the next."""
+    pairs = pairs.astype("<u8")
+    # What fits the cache is sorted in half the time.
+    grid = np.searchsorted(pairs, first.astype(np.uint64) << np.uint64(32))
+    cuts = grid[np.minimum(np.searchsorted(grid, np.arange(0, len(pairs), SORTED_AT_ONCE)), len(grid) - 1)]
+    cuts = np.unique(np.concatenate([[0], cuts, [len(pairs)]]))
+    for begin, end in itertools.pairwise(cuts.tolist()):
+        pairs[begin:end].sort()
+    halves = pairs.view("<u4").reshape(-1, 2)
     return halves[:, 1], np.ascontiguousarray(halves[:, 0])
 
 

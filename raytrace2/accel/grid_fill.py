@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from ..buffers import owned
 from .grid_cells import LAST, MOST, clear_distances, runs, sorted_pairs
 from .grid_lattice import Extents, Lattices, choose_cells
 from .grid_overlap import Subjects, overlaps
@@ -56,31 +56,30 @@ class Level:
         return entries
 
 
-def most_references(extents: Extents) -> np.ndarray:
-    """What each grid may hold (m,)."""
-    return np.maximum(DUPLICATION * extents.count, LEAST_REFERENCES)
+def most_references(extents: Extents, share: float = 1.0) -> np.ndarray:
+    """What each grid may hold (m,), where what goes into it is ``share`` of a primitive."""
+    return np.maximum(DUPLICATION * share * extents.count, LEAST_REFERENCES)
 
 
 def fill(
     subjects: Subjects,
-    prim: np.ndarray,
-    grid: np.ndarray,
+    prim: Any,
+    grid: Any,
     make: Callable[[np.ndarray], Lattices],
     size: np.ndarray,
     extents: Extents,
+    most: np.ndarray,
     target: np.ndarray,
     least_step: float,
 ) -> Level:
-    """Grids of ``size`` (m, 3), with about ``target`` (m,) cells each, over the primitives ``prim`` (n,) that go into
-    grids ``grid`` (n,); ``make`` turns cells (m, 3) into lattices."""
-    UInt = subjects.types.UInt
-    most = most_references(extents)
-    prims, grids = owned(prim, UInt), owned(grid, UInt)
+    """Grids of ``size`` (m, 3), with about ``target`` (m,) cells and ``most`` (m,) references each, over the primitives
+    ``prim`` (n,) that go into grids ``grid`` (n,), both UInt and in the grids' order; ``make`` turns cells (m, 3) into
+    lattices."""
     while True:
         lattices = make(choose_cells(size, extents, target, most, least_step))
         # What was expected holds on average over where things lie; should it not, cells are made larger.
         limit = MOST if target.max() <= 1 else min(MOST, int(2 * most.sum()))
-        found = overlaps(subjects, lattices.upload(subjects.types), prims, grids, limit)
+        found = overlaps(subjects, lattices.upload(subjects.types), prim, grid, limit)
         if found is not None:
             break
         if target.max() <= 1:
@@ -88,7 +87,7 @@ def fill(
         target = np.maximum(target // 2, 1)
     pairs, tilt = found
     start = int(lattices.first[0])
-    cell_of, of = sorted_pairs(pairs)
+    cell_of, of = sorted_pairs(pairs, lattices.first)
     begin, count = runs(cell_of)
     cell = cell_of[begin].astype(np.int64)
     full = np.zeros(lattices.end - start, bool)

@@ -19,6 +19,9 @@ CORNER, STEP, PER_STEP, CELLS, FIRST, PARENT, PLACE = 0, 3, 6, 9, 12, 13, 14
 #: Most cells along an axis: their places fit ten bits.
 MOST_ALONG = 1 << 10
 
+#: Halvings of the logarithm of a cell's size: to a millionth, within which whole numbers of cells are rounded.
+BISECTIONS = 24
+
 
 @dataclass(frozen=True, eq=False)
 class Lattices:
@@ -86,27 +89,6 @@ class Extents:
     areas: np.ndarray
     volumes: np.ndarray
 
-    @staticmethod
-    def of(sides: np.ndarray, solid: np.ndarray | None) -> Extents:
-        """The sums over boxes of ``sides`` (n, 3) in one grid; those in ``solid`` (n,) bool fill their box."""
-        pairs = (sides.T @ sides).astype(np.float64)[[0, 1, 2], [1, 2, 0]]
-        lengths = (np.ones(len(sides), sides.dtype) @ sides).astype(np.float64)
-        volume = 0.0 if solid is None else float(sides[solid].astype(np.float64).prod(axis=1).sum())
-        return Extents(np.array([float(len(sides))]), lengths[None], pairs[None], np.array([volume]))
-
-    @staticmethod
-    def of_each(sides: np.ndarray, solid: np.ndarray | None, count: np.ndarray) -> Extents:
-        """The same where the first ``count[0]`` boxes are in one grid, the next ``count[1]`` in another, and so on."""
-        begin = np.cumsum(count) - count
-
-        def total(values: np.ndarray) -> np.ndarray:
-            return np.add.reduceat(values, begin).astype(np.float64)
-
-        x, y, z = np.ascontiguousarray(sides.T)
-        volumes = np.zeros(len(count)) if solid is None else total(np.where(solid, x * y * z, 0))
-        pairs = np.stack([total(x * y), total(y * z), total(z * x)], axis=1)
-        return Extents(count.astype(np.float64), np.stack([total(k) for k in (x, y, z)], axis=1), pairs, volumes)
-
     def take(self, chosen: np.ndarray) -> Extents:
         """Those of the grids ``chosen``."""
         return Extents(self.count[chosen], self.lengths[chosen], self.areas[chosen], self.volumes[chosen])
@@ -139,7 +121,7 @@ def choose_cells(
     def cells_of(step: np.ndarray) -> np.ndarray:
         return np.clip(np.floor(size / step[:, None] * (1 + 1e-6)), 1, MOST_ALONG - 1)
 
-    for _ in range(40):
+    for _ in range(BISECTIONS):
         middle = np.sqrt(low * high)
         cells = cells_of(middle)
         fits = (cells.prod(axis=1) <= target) & (extents.references(cells) <= most_references)

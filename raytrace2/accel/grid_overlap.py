@@ -57,6 +57,19 @@ class Subjects:
         opaque = [dr.opaque(types.Float, float(x)) for x in (*origin, scale, reach, margin)]
         return Subjects(types, device, boxes, types.Array3f(*opaque[:3]), *opaque[3:])
 
+    def corners(self, prim: Any) -> tuple[tuple[Any, Any, Any], Any, Any, Any]:
+        """Of primitives by number: the three corners, if they are triangles; opposite corners of their boxes; and
+        whether they are triangles. In the grids' coordinates."""
+        types = self.types
+        Vector = types.Array3f
+        words = record.load_words(self.primitives.buffer, prim, types)
+        a, b, c = ((Vector(words[k : k + 3]) - self.origin) * self.scale for k in (0, 3, 6))
+        if self.boxes is None:
+            return (a, b, c), dr.fmin(dr.fmin(a, b), c), dr.fmax(dr.fmax(a, b), c), types.Bool(True)
+        box = dr.gather(types.ArrayXf, self.boxes, prim, shape=(8, dr.width(prim)))
+        lo, hi = ((Vector(box[k], box[k + 1], box[k + 2]) - self.origin) * self.scale for k in (0, 3))
+        return (a, b, c), lo, hi, record.decode_integer(words[record.KIND], types) == record.TRIANGLE
+
 
 @dataclass
 class _Span:
@@ -92,9 +105,10 @@ def overlaps(subjects: Subjects, lattices: Any, prim: Any, grid: Any, most: int)
 
     start = (Float(span.low[0]), Float(span.low[1]), zero)
     *_, found = dr.while_loop(start, lambda i, *_: i <= span.high[0], count_row, labels=("i", "j", "found"))
-    tilt = dr.max(span.tilt)
-    count = dr.sum(types.UInt64(found))
-    dr.eval(found, tilt, count)
+    # At once, for each reduction evaluates what it is asked for in a kernel of its own.
+    dr.eval(found, span.tilt)
+    tilt, count = dr.max(span.tilt), dr.sum(types.UInt64(found))
+    dr.eval(tilt, count)
     total = int(count[0])
     if total > most:
         return None
@@ -129,14 +143,7 @@ def _span(subjects: Subjects, lattices: Any, prim: Any, grid: Any) -> _Span:
     packet = dr.gather(types.ArrayXf, lattices, grid, shape=(WORDS, dr.width(grid)))
     lattice = [Vector(packet[w], packet[w + 1], packet[w + 2]) for w in (CORNER, STEP, PER_STEP, CELLS)]
     corner, step, per_step, cells = lattice
-    words = record.load_words(subjects.primitives.buffer, prim, types)
-    a, b, c = ((Vector(words[k : k + 3]) - subjects.origin) * subjects.scale for k in (0, 3, 6))
-    if subjects.boxes is None:
-        lo, hi, flat = dr.fmin(dr.fmin(a, b), c), dr.fmax(dr.fmax(a, b), c), types.Bool(True)
-    else:
-        box = dr.gather(types.ArrayXf, subjects.boxes, prim, shape=(8, dr.width(prim)))
-        lo, hi = ((Vector(box[k], box[k + 1], box[k + 2]) - subjects.origin) * subjects.scale for k in (0, 3))
-        flat = record.decode_integer(words[record.KIND], types) == record.TRIANGLE
+    (a, b, c), lo, hi, flat = subjects.corners(prim)
     low = dr.fmin(dr.fmax(dr.floor((lo - subjects.margin - corner) * per_step), 0), cells - 1)
     high = dr.fmin(dr.fmax(dr.floor((hi + subjects.margin - corner) * per_step), 0), cells - 1)
 
