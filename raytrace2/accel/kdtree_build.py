@@ -20,8 +20,9 @@ from .kdtree_split import Nodes, Splits, cheapest_splits
 #: Planes that do not pay for themselves are still tried this often on the way down from a node (Pharr et al. 2023,
 #: section 7.3 of the online edition of "Physically Based Rendering"): a plane of no use may be what the next one needs.
 UNPAID_PLANES = 3
-#: References per primitive, above which no more are made.
-MAX_DUPLICATION = 8
+#: References per primitive, above which no more are made: for a million primitives they take two gigabytes on the way.
+#: With half as many, trees over long diagonal things test more than twice as many primitives a ray.
+MAX_DUPLICATION = 16
 
 
 @dataclass(frozen=True, eq=False)
