@@ -186,7 +186,7 @@ def _inner(job: _Job, levels: list[Level], density: float) -> Level | None:
     Each encloses what is in its cell, which may be much smaller. The lists of these cells leave the last level.
     """
     outer, rule = levels[-1], job.rule
-    # All levels together are to hold no more than one may.
+    # Where the lists are as long as one grid's may be, grids in their cells would only copy them.
     room = len(job.parts) / max(len(outer.prims), 1)
     many = np.flatnonzero(outer.count > rule.most_in_cell)
     if len(many) == 0 or DUPLICATION * room < 1:
@@ -200,7 +200,8 @@ def _inner(job: _Job, levels: list[Level], density: float) -> Level | None:
     )
     corner, size = _enclosing(content, low, low + step, job.box.margin)
     extents = content.extents(count, size)
-    most = most_references(extents, room)
+    # All levels together are to hold no more than twice what one may.
+    most = most_references(extents, min(1.0, 2 * room))
     target = np.clip(density * count, 1, rule.max_cells)
     cells = choose_cells(size, extents, target, most, job.least)
     # Primitives that a ray through the cell is to be tested with.
