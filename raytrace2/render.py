@@ -24,6 +24,7 @@ from .scene.description import Camera, Integrator, PerspectiveCamera
 from .scene.field_of_view import fov_along, x_fov_of
 from .scene.scene import Scene
 from .scene.traced import TracedScene
+from .textures.filter_settings import parse_filter
 
 #: Lanes of a pass: enough to keep every core busy for a second or so, few enough for a few hundred megabytes.
 MAX_LANES = 1 << 21
@@ -71,6 +72,7 @@ def render(
     precision: str = "float32",
     *,
     size: tuple[int, int] | None = None,
+    intersection: str | None = None,
     progress: bool | None = None,
 ) -> Any:
     """Renders ``scene`` and returns its image, TensorXf (height, width, channels), linear, as ``mi.render`` does.
@@ -80,6 +82,7 @@ def render(
     channels. ``spp`` samples a pixel, 0 for the count in the scene. ``accel`` names the structure (``"bvh"``,
     ``"brute_force"``, options after a colon). ``filter`` (``"nearest"`` or ``"bilinear"``) takes the place of every
     bitmap's own. ``precision`` is ``"float32"`` or ``"float64"``; ``size`` (width, height) replaces the film's.
+    ``intersection`` is ``"watertight"``, ``"fast"`` (see ``rt.accel.build``) or None for the scene's own.
     ``progress`` shows a bar; None shows one on a terminal if there is more than one pass.
 
     Ctrl-C raises :class:`RenderInterrupted`, which holds the image so far. The same arguments give the same image
@@ -89,7 +92,7 @@ def render(
         raise TypeError("params: pass None; parameters are changed in the scene before it is loaded")
     return render_detailed(
         scene, sensor, integrator, seed=seed, spp=spp, accel=accel, filter=filter, precision=precision, size=size,
-        progress=progress,
+        intersection=intersection, progress=progress,
     ).image  # fmt: skip
 
 
@@ -104,6 +107,7 @@ def render_detailed(
     filter: str | None = None,
     precision: str = "float32",
     size: tuple[int, int] | None = None,
+    intersection: str | None = None,
     progress: bool | None = None,
     max_lanes: int = MAX_LANES,
 ) -> Rendering:
@@ -115,7 +119,7 @@ def render_detailed(
         raise SettingError(f"precision must be 'float32' or 'float64', not {precision!r}")
     if spp < 0:
         raise SettingError(f"spp must be positive, or 0 for the scene's own, not {spp}")
-    traced = scene.traced(accel, precision, filter)
+    traced = scene.traced(accel, precision, None if filter is None else parse_filter(filter), intersection)
     if settings.kind != "aov" or settings.nested is not None or any(kind == "albedo" for _, kind in settings.aovs):
         traced.prepare_shading()
     types = traced.types

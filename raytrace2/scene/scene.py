@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..accel.build import build
-from ..errors import GeometryError, Problem, SceneError, SettingError
+from ..errors import GeometryError, Problem, SceneError
 from ..surfaces.hit import Hit
 from ..surfaces.instance import Instance
 from ..surfaces.interaction import SurfaceInteraction
@@ -14,6 +14,7 @@ from ..surfaces.mesh import TriangleMesh
 from ..surfaces.quadrics import Cylinder, Disk, Rectangle, Sphere
 from ..surfaces.structure import Structure
 from ..surfaces.surface import Surface
+from ..textures.filter_settings import FilterSettings
 from ..types import types_of
 from . import description
 from .traced import TracedScene
@@ -29,7 +30,8 @@ _QUADRICS: dict[type[description.Shape], type[Surface]] = {
 class Scene:
     """What ``rt.load_file`` gives: a frozen ``description`` and, per precision and structure, a :class:`TracedScene`.
 
-    ``accel`` is the structure used where none is named: the scene's own setting, or ``"bvh"``.
+    ``accel`` is the structure used where none is named: the scene's own setting, or ``"bvh"``; ``intersection``
+    likewise, ``"watertight"`` unless the scene says ``"fast"``.
     """
 
     def __init__(
@@ -41,28 +43,31 @@ class Scene:
         self.origin = origin
         self.parameters = dict(parameters or {})
         self.accel = source.settings.get("accel", "bvh")
+        self.intersection = source.settings.get("intersection", "watertight")
         self._leaves: dict[int, Surface] = {}
-        self._structures: dict[tuple[str, str], Structure] = {}
-        self._traced: dict[tuple[Structure, str | None], TracedScene] = {}
+        self._structures: dict[tuple[str, str, str], Structure] = {}
+        self._traced: dict[tuple[Structure, FilterSettings | None], TracedScene] = {}
         self._check_geometry()
 
     def traced(
-        self, accel: str | None = None, precision: str = "float32", filter_type: str | None = None
+        self,
+        accel: str | None = None,
+        precision: str = "float32",
+        filter: FilterSettings | None = None,
+        intersection: str | None = None,
     ) -> TracedScene:
         """The scene in the form that kernels read, built on the first call for each combination of arguments.
 
-        ``filter_type`` takes the place of every bitmap's own if given.
+        ``filter`` takes the place of every bitmap's own if given.
         """
-        if filter_type not in (None, "nearest", "bilinear"):
-            raise SettingError(f"unknown filter {filter_type!r}: there are nearest and bilinear")
-        key = (accel or self.accel, precision)
+        key = (accel or self.accel, precision, intersection or self.intersection)
         if key not in self._structures:
             self._structures[key] = self._build(*key)
         structure = self._structures[key]
-        if (structure, filter_type) not in self._traced:
+        if (structure, filter) not in self._traced:
             shapes = {id(surface): shape for shape, surface in self._shape_surfaces()}
-            self._traced[structure, filter_type] = TracedScene(self.description, structure, shapes, filter_type)
-        return self._traced[structure, filter_type]
+            self._traced[structure, filter] = TracedScene(self.description, structure, shapes, filter)
+        return self._traced[structure, filter]
 
     def intersect(self, ray: Any, active: Any = True) -> Hit:
         """The closest hit of each active ray, in the precision of the rays."""
@@ -84,7 +89,7 @@ class Scene:
     def _for(self, ray: Any) -> TracedScene:
         return self.traced(precision=types_of(ray.o).precision)
 
-    def _build(self, accel: str, precision: str) -> Structure:
+    def _build(self, accel: str, precision: str, intersection: Any) -> Structure:
         groups: dict[int, Structure] = {}
         items: list[Surface] = []
         for shape in self.description.shapes:
@@ -92,11 +97,11 @@ class Scene:
                 group = shape.group
                 if id(group) not in groups:
                     members = [self._surface(s) for s in group.shapes]
-                    groups[id(group)] = build(members, accel, precision=precision)
+                    groups[id(group)] = build(members, accel, precision=precision, intersection=intersection)
                 items.append(Instance(groups[id(group)], shape.to_world, name=shape.id))
             else:
                 items.append(self._surface(shape))
-        return build(items, accel, precision=precision)
+        return build(items, accel, precision=precision, intersection=intersection)
 
     def _surface(self, shape: description.Shape) -> Surface:
         if id(shape) not in self._leaves:

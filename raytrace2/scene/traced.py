@@ -15,6 +15,7 @@ from ..materials.table import MaterialTable
 from ..surfaces.interaction import SurfaceInteraction
 from ..surfaces.record import NONE
 from ..surfaces.structure import Structure
+from ..textures.filter_settings import FilterSettings
 from ..textures.table import TextureTable
 from . import description
 
@@ -30,12 +31,12 @@ class TracedScene:
         source: description.SceneDescription,
         structure: Structure,
         shapes: Mapping[int, description.Shape],
-        filter_type: str | None = None,
+        filter: FilterSettings | None = None,
     ) -> None:
         self.description = source
         self.structure = structure
         self.types = structure.types
-        self._filter_type = filter_type
+        self.filter = filter
         self._shapes = [shapes[id(surface)] for surface in structure.geometry.surfaces]
         names = {id(shape): k + 1 for k, shape in enumerate(source.shapes)}
         numbers = [names.get(id(shape), 0) for shape in self._shapes]
@@ -52,7 +53,7 @@ class TracedScene:
     @functools.cached_property
     def _tables(self) -> tuple[MaterialTable, LightTable]:
         meshes = {k: s for k, s in enumerate(self._shapes) if isinstance(s, description.MeshShape) and s.attributes}
-        textures = TextureTable(self.types, meshes, self._filter_type)
+        textures = TextureTable(self.types, meshes, self.filter)
         emitting = [(k, s) for k, s in enumerate(self._shapes) if s.emitter is not None]
         lights = LightTable.build(
             self.description.lights, emitting, textures, self.structure.geometry.bounds(), self.types

@@ -10,14 +10,16 @@ import drjit as dr
 import numpy as np
 
 from ..buffers import owned
+from ..rays.footprint import Footprint
 from ..scene.description import BitmapTexture
 from ..types import Types
-from . import lookup
+from .filter_settings import FilterSettings
+from .filters import FILTERS
 from .texels import Texels
 from .uv_transform import UvTransforms
 from .wrap import MODES, wrap
 
-_FILTERS = {"nearest": 0, "bilinear": 1}
+_POINT = {"nearest": 0, "bilinear": 1}
 
 
 @dataclass
@@ -39,18 +41,20 @@ class Bitmaps:
     """Images of one storage format (see :class:`~raytrace2.textures.texels.Texels`), by place.
 
     Texel (column i, row j) covers u in [i, i + 1] / width, v in [j, j + 1] / height: as in Mitsuba, row 0 is at v = 0.
-    Wrap modes, filters and sRGB decoding are part of the kernel only where they differ between images.
+    Wrap modes, filters and sRGB decoding are part of the kernel only where they differ between images. ``settings``
+    take the place of every image's own filter.
     """
 
-    def __init__(self, bitmaps: Sequence[BitmapTexture], types: Types) -> None:
+    def __init__(self, bitmaps: Sequence[BitmapTexture], types: Types, settings: FilterSettings | None = None) -> None:
         images = [b.pixels for b in bitmaps]
         srgb = [image.dtype == np.uint8 and not b.raw for b, image in zip(bitmaps, images, strict=True)]
         modes = [MODES[b.wrap_mode] for b in bitmaps]
-        filters = [_FILTERS[b.filter_type] for b in bitmaps]
+        filters = [_POINT[b.filter_type] if settings is None else 0 for b in bitmaps]
         self.texels = Texels(images, srgb, types)
         self.channels = self.texels.channels
         self._to_uv = UvTransforms([b.to_uv for b in bitmaps], types)
         self._types = types
+        self._settings = settings
         self._modes = frozenset(modes)
         self._filters = frozenset(filters)
         self._mixed_srgb = len(set(srgb)) > 1
@@ -63,16 +67,36 @@ class Bitmaps:
         else:
             self._record = owned(records, types.UInt)
 
-    def eval(self, place: Any, uv: Any, active: Any) -> Any:
-        """The filtered texture at ``uv`` of the surface: Array3f, or Float where there is one channel."""
+    def eval(self, place: Any, uv: Any, footprint: Any, active: Any) -> Any:
+        """The filtered texture at ``uv`` of the surface, over the ``footprint`` there (None if there is none): Array3f,
+        or Float where there is one channel."""
         image = self.image(place, active)
-        uv = self._to_uv.apply(place, uv, active)
+        at = self._to_uv.apply(place, uv, active)
+        if self._settings is not None:
+            return self._over(image, at, self._in_texels(image, place, footprint, active), active)
         if len(self._filters) == 1:
-            return self._filtered(next(iter(self._filters)), image, uv, active)
-        smooth = self._filtered(_FILTERS["bilinear"], image, uv, active)
-        return dr.select(
-            image.filter == _FILTERS["bilinear"], smooth, self._filtered(_FILTERS["nearest"], image, uv, active)
-        )
+            name = "bilinear" if _POINT["bilinear"] in self._filters else "nearest"
+            return FILTERS[name](self, image, at, None, FilterSettings(name), active)
+        smooth, near = (FILTERS[name](self, image, at, None, FilterSettings(name), active) for name in reversed(_POINT))
+        return dr.select(image.filter == _POINT["bilinear"], smooth, near)
+
+    def _over(self, image: Image, uv: Any, footprint: Footprint | None, active: Any) -> Any:
+        settings = self._settings
+        assert settings is not None
+        # Where nothing is known of the footprint it is taken for a point.
+        name = "bilinear" if footprint is None and settings.needs_footprint else settings.name
+        return FILTERS[name](self, image, uv, footprint, settings, active)
+
+    def _in_texels(self, image: Image, place: Any, footprint: Footprint | None, active: Any) -> Footprint | None:
+        if footprint is None:
+            return None
+        linear = self._to_uv.apply_linear(place, active)
+
+        def texels(v: Any) -> Any:
+            v = linear(v)
+            return type(v)(v.x * image.width, v.y * image.height)
+
+        return footprint.mapped(texels)
 
     def image(self, place: Any, active: Any) -> Image:
         """The image at ``place``."""
@@ -103,10 +127,6 @@ class Bitmaps:
         u = self._types.UInt
         index = dr.fma(u(row), u(image.width), u(column)) + image.offset
         return self.texels.fetch(index, image.srgb, active)
-
-    def _filtered(self, kind: int, image: Image, uv: Any, active: Any) -> Any:
-        function = lookup.bilinear if kind == _FILTERS["bilinear"] else lookup.nearest
-        return function(self, image, uv, active)
 
 
 def check_bitmap(bitmap: BitmapTexture) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any, TypeAlias
 
 import drjit as dr
@@ -23,6 +22,7 @@ from .bitmap import Bitmaps, check_bitmap
 from .checkerboard import Checkerboards
 from .color import luminance
 from .constant import Constants
+from .filter_settings import FilterSettings
 from .mesh_attribute import MeshAttributes
 
 _CONSTANT, _CHECKERBOARD, _VERTEX_ATTRIBUTE, _FACE_ATTRIBUTE, _FIRST_BITMAP = range(5)
@@ -36,15 +36,15 @@ class TextureTable:
     """Textures by index (:meth:`add` gives it; it is a handle, not a position), in one table a kind.
 
     Kernels hold the kinds that occur and nothing of the rest, and fewer still where a look-up says what it can meet
-    (``reach``). ``attributes`` maps surface indices to the meshes whose attributes textures read; ``filter_type``
-    (``"nearest"`` or ``"bilinear"``) takes the place of every bitmap's own.
+    (``reach``). ``attributes`` maps surface indices to the meshes whose attributes textures read; ``settings`` take
+    the place of every bitmap's own filter.
     """
 
     def __init__(
-        self, types: Types, attributes: Mapping[int, MeshShape] | None = None, filter_type: str | None = None
+        self, types: Types, attributes: Mapping[int, MeshShape] | None = None, settings: FilterSettings | None = None
     ) -> None:
         self.types = types
-        self._filter_type = filter_type
+        self._settings = settings
         self._meshes = dict(attributes or {})
         self._members: dict[int, list[Any]] = {}
         self._children: list[tuple[int, int]] = []
@@ -75,10 +75,7 @@ class TextureTable:
                 self._children.append(children)
             members = self._members.setdefault(kind, [])
             self._known[key] = handles.make(kind, len(members))
-            if isinstance(texture, BitmapTexture) and self._filter_type:
-                members.append(replace(texture, filter_type=self._filter_type))  # type: ignore[arg-type]
-            else:
-                members.append(texture)
+            members.append(texture)
             self._keep.append(texture)
             self._tables.pop(kind, None)
             self._stale = True
@@ -145,7 +142,7 @@ class TextureTable:
         if kind == _CONSTANT:
             value = table.eval(place, active)
         elif kind >= _FIRST_BITMAP:
-            value = table.eval(place, uv, active)
+            value = table.eval(place, uv, None if si is None else si.footprint, active)
             if table.channels == 1:
                 return value if single else self.types.Array3f(value)
         elif si is None:
@@ -163,7 +160,7 @@ class TextureTable:
             return Checkerboards(np.array(self._children), [m.to_uv for m in members], self.types)
         if kind in (_VERTEX_ATTRIBUTE, _FACE_ATTRIBUTE):
             return MeshAttributes(members, 3 if kind == _VERTEX_ATTRIBUTE else 1, self._meshes, self.types)
-        return Bitmaps(members, self.types)
+        return Bitmaps(members, self.types, self._settings)
 
 
 def _kind(texture: Texture) -> int:

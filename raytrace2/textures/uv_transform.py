@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import drjit as dr
@@ -36,13 +36,22 @@ class UvTransforms:
         """The texture's coordinates (Array2f) of ``uv`` for the texture at ``place``."""
         if self.identity:
             return uv
-        if self.uniform:
-            a, b, c, d, e, f = self._rows
-        else:
-            array4 = self._types.Array4f
-            a, b, c, _ = dr.gather(array4, self._rows, 2 * place, active)
-            d, e, f, _ = dr.gather(array4, self._rows, 2 * place + 1, active)
+        a, b, c, d, e, f = self._entries(place, active)
         return type(uv)(dr.fma(a, uv.x, dr.fma(b, uv.y, c)), dr.fma(d, uv.x, dr.fma(e, uv.y, f)))
+
+    def apply_linear(self, place: Any, active: Any) -> Callable[[Any], Any]:
+        """The map of vectors of uv, which translations leave alone."""
+        if self.identity:
+            return lambda v: v
+        a, b, _, d, e, _ = self._entries(place, active)
+        return lambda v: type(v)(dr.fma(a, v.x, b * v.y), dr.fma(d, v.x, e * v.y))
+
+    def _entries(self, place: Any, active: Any) -> Any:
+        if self.uniform:
+            return self._rows
+        array4 = self._types.Array4f
+        rows = (dr.gather(array4, self._rows, 2 * place + k, active) for k in range(2))
+        return [row[k] for row in rows for k in range(3)]
 
 
 def _affine(matrix: np.ndarray) -> np.ndarray:

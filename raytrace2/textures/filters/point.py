@@ -11,14 +11,14 @@ from typing import Any
 import drjit as dr
 
 
-def nearest(bitmaps: Any, image: Any, uv: Any, active: Any) -> Any:
+def nearest(bitmaps: Any, image: Any, uv: Any, footprint: Any = None, settings: Any = None, active: Any = True) -> Any:
     """The texel that ``uv`` lies in."""
     column, _ = bitmaps.columns(image, dr.floor(uv.x * image.width))
     row, _ = bitmaps.rows(image, dr.floor(uv.y * image.height))
     return bitmaps.texel(image, column, row, active)
 
 
-def bilinear(bitmaps: Any, image: Any, uv: Any, active: Any) -> Any:
+def bilinear(bitmaps: Any, image: Any, uv: Any, footprint: Any = None, settings: Any = None, active: Any = True) -> Any:
     """The four texels whose centres surround ``uv``, interpolated."""
     x = dr.fma(uv.x, image.width, -0.5)
     y = dr.fma(uv.y, image.height, -0.5)
