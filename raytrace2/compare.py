@@ -36,6 +36,7 @@ def compare(
     filter: str | None = None,
     precision: str = "float32",
     size: tuple[int, int] | None = None,
+    intersection: str | None = None,
     cache_dir: str | os.PathLike[str] | None = None,
     progress: bool | None = None,
 ) -> Comparison:
@@ -62,7 +63,10 @@ def compare(
         settings = settings.nested
     each = max(1, -(-spp // BATCHES))
     each_reference = each if reference_spp is None else max(1, -(-reference_spp // BATCHES))
-    ours, seconds = _batches(scene, sensor, settings, each, seed, accel, filter, precision, size, progress)
+    ours, seconds = _batches(
+        scene, sensor, settings, each, seed, progress, accel=accel, filter=filter, precision=precision, size=size,
+        intersection=intersection,
+    )  # fmt: skip
     film = scene.description.cameras[sensor].film
 
     def reference(samples: int) -> Any:
@@ -79,7 +83,7 @@ def compare(
         "Scene": scene.description.source or "in memory",
         "Integrator": f"{settings.kind}, max_depth {settings.max_depth}",
         "Samples per pixel": f"{each * BATCHES} (Mitsuba {theirs.spp})",
-        "Structure": accel or scene.accel,
+        "Structure": f"{accel or scene.accel}, {intersection or scene.intersection}",
         "Precision": precision,
         "Mitsuba": f"{theirs.settings['mitsuba']}, {theirs.settings['variant']}",
     }
@@ -91,9 +95,8 @@ def compare(
 
 
 def _batches(
-    scene: Scene, sensor: int, settings: Integrator, each: int, seed: int, accel: str | None, filter: str | None,
-    precision: str, size: tuple[int, int] | None, progress: bool | None,
-) -> tuple[np.ndarray, float]:  # fmt: skip
+    scene: Scene, sensor: int, settings: Integrator, each: int, seed: int, progress: bool | None, **options: Any
+) -> tuple[np.ndarray, float]:
     """Images of independent batches (B, H, W, 3) and the seconds of the fastest one, which is what a warm render
     takes."""
     from tqdm import tqdm
@@ -102,9 +105,8 @@ def _batches(
     for k in tqdm(range(BATCHES), desc="raytrace2", unit="batch", disable=None if progress is None else not progress):
         begin = time.perf_counter()
         done = render_detailed(
-            scene, sensor, settings, seed=SEED_OFFSET + seed * BATCHES + k, spp=each, accel=accel, filter=filter,
-            precision=precision, size=size, progress=False,
-        )  # fmt: skip
+            scene, sensor, settings, seed=SEED_OFFSET + seed * BATCHES + k, spp=each, progress=False, **options
+        )
         image = np.array(done.image)
         best = min(best, time.perf_counter() - begin)
         images.append(image if image.shape[2] == 3 else np.repeat(image[..., :1], 3, axis=2))

@@ -8,6 +8,7 @@ from typing import Any
 
 from ..errors import SettingError
 from ..surfaces.geometry import Geometry
+from ..surfaces.primitives import Intersection
 from ..surfaces.scan import Scan
 from ..surfaces.structure import Structure
 from ..surfaces.surface import Surface
@@ -67,20 +68,31 @@ def names() -> tuple[str, ...]:
 
 
 def build(
-    surfaces: Surface | Sequence[Surface], kind: str = "bvh", *, precision: str = "float32", **options: Any
+    surfaces: Surface | Sequence[Surface],
+    kind: str = "bvh",
+    *,
+    precision: str = "float32",
+    intersection: Intersection = "watertight",
+    **options: Any,
 ) -> Structure:
     """A structure of ``kind`` over a Surface or a list of them, structures included: it is a Surface itself.
 
     ``kind`` may carry options after a colon, as on the command line: ``"bvh:max_leaf_size=2"``. ``options`` are the
     fields of the kind's config. :class:`~raytrace2.SettingError` (a ``ValueError``) tells of kinds, options and values
     that do not exist.
+
+    ``intersection="watertight"``: no ray slips between triangles that share an edge or a vertex, and all structures
+    give the same bits. ``"fast"``, which may also stand after the colon, takes a quicker test of triangles and, in a
+    bvh of boxes, no margin for rounding: it agrees to rounding on most rays, but a ray that passes within rounding of
+    an edge may slip through or meet either side, and structures may differ in that. Structures among ``surfaces`` keep
+    their own.
     """
     name, written = parse_kind(kind)
     items = [surfaces] if isinstance(surfaces, Surface) else list(surfaces)
     for item in items:
         if not isinstance(item, Surface):
             raise TypeError(f"build takes Surfaces, not {type(item).__name__}")
-    geometry = Geometry(items, types(precision))
+    geometry = Geometry(items, types(precision), intersection=written.pop("intersection", intersection))
     try:
         return _KINDS[name](geometry, **{**written, **options})
     except (TypeError, ValueError) as error:

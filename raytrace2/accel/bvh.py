@@ -80,7 +80,7 @@ class Bvh(Structure):
             layout = wide_node.LAYOUTS[config.width]
             refs = topology.device_references
             words = wide_encode.encode(self.types.Float(boxes.ravel()), None, refs, layout, self.types)
-            nodes = QuantisedNodes(self.types, layout, words)
+            nodes = QuantisedNodes(self.types, layout, words, self.geometry.intersection == "watertight")
         else:
             nodes = volume_nodes(topology, parts.reordered(topology.order), boxes, config.volume)
         visits = _expected_nodes(tree, wide)

@@ -48,20 +48,22 @@ def refit_boxes(
     Triangle meshes stay on the device throughout."""
     items = _items(moved)
     if topology is None or primitives is None:
-        return Refit(_geometry(moved, before.types), None, None, (0.0, 0.0))
+        return Refit(_geometry(moved, before), None, None, (0.0, 0.0))
     types = topology.types
     geometry: Geometry
     if items is not None and are_meshes(before, items):
         geometry = MovedGeometry(before, items)
         device, boxes = moved_triangles(items, topology, primitives)
     else:
-        geometry = _geometry(moved, types)
+        geometry = _geometry(moved, before)
         device, boxes = _moved_primitives(before, geometry, topology)
     rows = _Rows.of(topology)
     table, expected = _boxes_from_below(boxes, topology, rows)
     layout = LAYOUTS[topology.width]
     words = encode(table, rows.of_children, topology.device_references, layout, types)
-    return Refit(geometry, QuantisedNodes(types, layout, words), device, expected)
+    return Refit(
+        geometry, QuantisedNodes(types, layout, words, geometry.intersection == "watertight"), device, expected
+    )
 
 
 def refit_volumes(
@@ -71,7 +73,7 @@ def refit_volumes(
     volume: str,
 ) -> Refit:
     """The same for nodes of the shape ``volume``, whose volumes are fitted anew."""
-    geometry = _geometry(moved, before.types)
+    geometry = _geometry(moved, before)
     if topology is None:
         return Refit(geometry, None, None, (0.0, 0.0))
     device, boxes = _moved_primitives(before, geometry, topology)
@@ -91,10 +93,10 @@ def _items(moved: Geometry | Surface | Sequence[Surface]) -> list[Surface] | Non
     return [moved] if isinstance(moved, Surface) else list(moved)
 
 
-def _geometry(moved: Geometry | Surface | Sequence[Surface], types: Types) -> Geometry:
-    items = _items(moved)
+def _geometry(moved: Geometry | Surface | Sequence[Surface], before: Geometry) -> Geometry:
+    items, types = _items(moved), before.types
     if items is not None:
-        return Geometry(items, types)
+        return Geometry(items, types, intersection=before.intersection)
     assert isinstance(moved, Geometry)
     if moved.types is not types:
         raise ValueError(f"a {types.precision} hierarchy cannot be refitted to a {moved.types.precision} geometry")

@@ -18,6 +18,7 @@ class MovedGeometry(Geometry):
 
     def __init__(self, before: Geometry, items: Sequence[Surface]) -> None:
         self.types = before.types
+        self.intersection = before.intersection
         self.exponent = before.exponent
         self.surfaces = list(items)
         self.instances = []
@@ -26,7 +27,7 @@ class MovedGeometry(Geometry):
 
     @functools.cached_property
     def _whole(self) -> Geometry:
-        return Geometry(self.surfaces, self.types, self.exponent)
+        return Geometry(self.surfaces, self.types, self.exponent, self.intersection)
 
     def primitives(self) -> Primitives | None:
         return self._whole.primitives()

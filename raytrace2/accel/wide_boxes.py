@@ -1,7 +1,8 @@
 """Rays against the quantised child boxes of wide nodes.
 
 Boxes are widened by :data:`ERROR` times the distance to them, which bounds the rounding of the slab test (Ize 2013),
-of the primitive tests and of the clamped direction, so that no hit is culled that a test would have found.
+of the primitive tests and of the clamped direction, so that no hit is culled that a test would have found. Nodes that
+are not ``padded`` go without: a box that a ray passes by rounding of its planes may then be missed.
 """
 
 from __future__ import annotations
@@ -42,6 +43,7 @@ class QuantisedNodes:
     types: Types
     layout: NodeLayout
     words: Any
+    padded: bool = True
 
     @property
     def width(self) -> int:
@@ -109,15 +111,17 @@ class QuantisedNodes:
             shift = form.mantissa - k * form.exponent_bits
             shifted = words[EXPONENTS] << shift if shift >= 0 else words[EXPONENTS] >> -shift
             scales.append(dr.reinterpret_array(Float, shifted & exponent_mask))
-        reach = abs(offsets[0]) + abs(offsets[1]) + abs(offsets[2]) + (scales[0] + scales[1] + scales[2])
-        error = reach * (ERROR * self.types.epsilon)
+        error = None
+        if self.padded:
+            reach = abs(offsets[0]) + abs(offsets[1]) + abs(offsets[2]) + (scales[0] + scales[1] + scales[2])
+            error = reach * (ERROR * self.types.epsilon)
         slopes, near_bases, far_bases, near_words, far_words = [], [], [], [], []
         for k in range(3):
             slope = scales[k] * slabs.inverse[k]
             base = dr.fma(offsets[k], slabs.inverse[k], -slope)
             slopes.append(slope)
-            near_bases.append(dr.fma(-error, slabs.size[k], base))
-            far_bases.append(dr.fma(error, slabs.size[k], base))
+            near_bases.append(base if error is None else dr.fma(-error, slabs.size[k], base))
+            far_bases.append(base if error is None else dr.fma(error, slabs.size[k], base))
             for part in range(layout.per_axis):
                 place = k * layout.per_axis + part
                 lower, upper = words[layout.lower + place], words[layout.upper + place]

@@ -26,8 +26,19 @@ def add_render_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=0, help="of the sampler (default 0)")
     parser.add_argument("--accel", help="acceleration structure, such as bvh or bvh:max_leaf_size=2")
     parser.add_argument("--filter", help="nearest or bilinear, in place of every bitmap's own")
+    add_intersection_argument(parser)
     parser.add_argument("--precision", default="float32", choices=("float32", "float64"))
     parser.add_argument("--size", type=size_argument, metavar="WIDTHxHEIGHT", help="in place of the film's")
+
+
+def add_intersection_argument(parser: argparse.ArgumentParser) -> None:
+    """How rays meet triangles."""
+    parser.add_argument(
+        "--intersection",
+        choices=("watertight", "fast"),
+        help="watertight: no ray slips between triangles; fast: quicker, not exact at edges (default: the scene's "
+        "own, or watertight)",
+    )
 
 
 def load_scene(args: argparse.Namespace) -> Any:
@@ -46,7 +57,7 @@ def load_scene(args: argparse.Namespace) -> Any:
 
 def render_options(args: argparse.Namespace) -> dict[str, Any]:
     """The keyword arguments for ``rt.render``."""
-    names = ("sensor", "integrator", "seed", "accel", "filter", "precision", "size")
+    names = ("sensor", "integrator", "seed", "accel", "filter", "precision", "size", "intersection")
     return {name: getattr(args, name) for name in names}
 
 

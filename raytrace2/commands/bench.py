@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from ._arguments import add_intersection_argument
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
@@ -13,6 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--triangles", type=int, default=70_000, help="of the bumpy sphere (default 70000)")
     parser.add_argument("--accel", action="append", help="a structure to measure; may be repeated (default bvh)")
+    add_intersection_argument(parser)
     parser.add_argument(
         "--side", type=int, default=1024, help="primary rays along each side of the image (default 1024)"
     )
@@ -41,7 +44,14 @@ def run(args: argparse.Namespace) -> int:
     else:
         mesh = bumpy_sphere(args.triangles)
     print(f"{mesh.name}: {len(mesh.faces):,} triangles")
-    table = as_table(ray_speed(mesh, args.accel or ["bvh"], side=args.side, repeat=args.repeat))
+    rows = ray_speed(
+        mesh,
+        args.accel or ["bvh"],
+        side=args.side,
+        repeat=args.repeat,
+        intersection=args.intersection or "watertight",
+    )
+    table = as_table(rows)
     print(table)
     if args.output:
         Path(args.output).parent.mkdir(parents=True, exist_ok=True)

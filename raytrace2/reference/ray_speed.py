@@ -13,6 +13,7 @@ import numpy as np
 from ..accel.build import build
 from ..rays.ray import Ray
 from ..surfaces.mesh import TriangleMesh
+from ..surfaces.primitives import Intersection
 from ..surfaces.structure import Structure
 from ..types import types
 from .mitsuba_scene import mitsuba_variant
@@ -85,15 +86,21 @@ def secondary_rays(structure: Structure, primary: Ray, seed: int = 0, up: int = 
 
 
 def ray_speed(
-    mesh: TriangleMesh, structures: Sequence[str] = ("bvh",), *, side: int = 1024, repeat: int = 15
+    mesh: TriangleMesh,
+    structures: Sequence[str] = ("bvh",),
+    *,
+    side: int = 1024,
+    repeat: int = 15,
+    intersection: Intersection = "watertight",
 ) -> list[RaySpeed]:
-    """Measures every structure of ``structures`` (as ``rt.accel.build`` names them) on the three kinds of rays.
+    """Measures every structure of ``structures`` (as ``rt.accel.build`` names them, with ``intersection``) on the three kinds of
+    rays.
 
     Closest hits are ``intersect`` against ``scene.ray_intersect_preliminary``, shadow rays ``occluded`` against
     ``ray_test``. Each rate is the best of ``repeat`` runs; ours and Mitsuba's alternate, so that both meet the same
     disturbances.
     """
-    built = {name: build(mesh, name) for name in structures}
+    built = {name: build(mesh, name, intersection=intersection) for name in structures}
     rays = benchmark_rays(next(iter(built.values())), side)
     rows = []
     with mitsuba_variant("llvm_ad_rgb") as mi:

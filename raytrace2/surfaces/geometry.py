@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import replace
+from typing import Any, get_args
 
 import drjit as dr
 import numpy as np
 
 from ..buffers import owned
+from ..errors import SettingError
 from ..types import Types
 from . import record
 from .hit import Hit
 from .instance import Instance
 from .interaction import SurfaceInteraction
-from .primitives import Primitives
+from .primitives import Intersection, Primitives
 from .shading import Shading
 from .structure import Structure
 from .surface import Surface
@@ -28,10 +30,20 @@ class Geometry:
     ``items`` may be leaf surfaces, structures (which are entered, not copied) and instances. ``surfaces`` lists the
     leaf surfaces in order, those inside structures and groups included; ``Hit.surface`` indexes it. ``instances``
     lists the instances. Primitives are held in units of 2^``exponent``, which follows from their extent if not given.
+    ``intersection`` is how they are met; structures among the items keep their own.
     """
 
-    def __init__(self, items: Sequence[Surface], types: Types, exponent: int | None = None) -> None:
+    def __init__(
+        self,
+        items: Sequence[Surface],
+        types: Types,
+        exponent: int | None = None,
+        intersection: Intersection = "watertight",
+    ) -> None:
+        if intersection not in (known := get_args(Intersection)):
+            raise SettingError(f"intersection must be one of {', '.join(known)}, not {intersection!r}")
         self.types = types
+        self.intersection = intersection
         self.surfaces: list[Surface] = []
         self.instances: list[Instance] = []
         self.first_ids: list[int] = []
@@ -71,7 +83,7 @@ class Geometry:
                 Primitives(types, joined.records, joined.lo, joined.hi, joined.kinds, tuple(self._nested))
             )
         self.exponent = exponent_of(*self.bounds()) if exponent is None else exponent
-        self._parts = [scaled(part, self.exponent) for part in self._parts]
+        self._parts = [replace(scaled(part, self.exponent), intersection=intersection) for part in self._parts]
 
     def _add(self, surfaces: Sequence[Surface]) -> int:
         start = self.primitive_count

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import drjit as dr
 import numpy as np
@@ -14,6 +14,10 @@ from ..types import Types
 from . import quadric_tests, record
 from .hit import Candidate
 from .triangle import Shear, intersect_triangle, shear_of
+from .triangle_fast import intersect_triangle_fast
+
+#: How surely rays meet triangles and boxes: without a gap, or as quickly as can be.
+Intersection = Literal["watertight", "fast"]
 
 _QUADRIC_TESTS: dict[int, Callable[..., tuple[Any, Any, Any, Any]]] = {
     record.SPHERE: quadric_tests.intersect_sphere,
@@ -48,7 +52,7 @@ class Traversable(Protocol):
 @dataclass
 class LocalRay:
     """A ray in the coordinates and the unit of the structure being traversed, with a shear if there are triangles to
-    test."""
+    test watertight."""
 
     o: Any
     d: Any
@@ -64,7 +68,7 @@ class Primitives:
     ``kinds`` are the record kinds present, in the order of the codes; a ray test of a kind that is absent adds no
     operation to a kernel. ``nested`` are the structures that records of kind INSTANCE and NESTED lead into; a
     record's KIND word is ``kind + 8 * (position in nested)``. Bounds enclose the geometry *as the records hold it*.
-    Lengths are in units of 2^``exponent``.
+    Lengths are in units of 2^``exponent``. ``intersection`` says which test triangles get.
     """
 
     types: Types
@@ -74,6 +78,7 @@ class Primitives:
     kinds: tuple[int, ...]
     nested: tuple[Traversable, ...] = ()
     exponent: int = 0
+    intersection: Intersection = "watertight"
 
     def __len__(self) -> int:
         return len(self.records)
@@ -89,7 +94,8 @@ class Primitives:
 
     @staticmethod
     def join(parts: Sequence[Primitives]) -> Primitives:
-        """All primitives of ``parts``, which share precision and unit; only one may lead into nested structures."""
+        """All primitives of ``parts``, which share precision, unit and test; only one may lead into nested
+        structures."""
         if len(parts) == 1:
             return parts[0]
         nested = [p for p in parts if p.nested]
@@ -102,6 +108,7 @@ class Primitives:
             tuple(sorted({k for p in parts for k in p.kinds})),
             nested[0].nested if nested else (),
             parts[0].exponent,
+            parts[0].intersection,
         )
 
     def upload(self, order: np.ndarray | None = None) -> DevicePrimitives:
@@ -110,7 +117,9 @@ class Primitives:
             buffer = owned(self.records, self.types.Float)
         else:
             buffer = owned_rows(self.records, order, self.types)
-        return DevicePrimitives(self.types, buffer, self.kinds, self.nested, self.has_instances, self.exponent)
+        return DevicePrimitives(
+            self.types, buffer, self.kinds, self.nested, self.has_instances, self.exponent, self.intersection
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,10 +132,12 @@ class DevicePrimitives:
     nested: tuple[Traversable, ...]
     has_instances: bool
     exponent: int
+    intersection: Intersection
 
     def prepare(self, ray: Any) -> LocalRay:
         """What ray tests need, computed once per ray."""
-        return LocalRay(ray.o, ray.d, ray.tmin, ray.tmax, shear_of(ray) if record.TRIANGLE in self.kinds else None)
+        sheared = record.TRIANGLE in self.kinds and self.intersection == "watertight"
+        return LocalRay(ray.o, ray.d, ray.tmin, ray.tmax, shear_of(ray) if sheared else None)
 
     def intersect_one(self, i: Any, ray: LocalRay, best: Candidate) -> Candidate:
         """Primitive ``i`` against each ray (every lane takes part): the nearer of it and ``best``.
@@ -190,8 +201,9 @@ class DevicePrimitives:
         inside, t, _, _ = self._line_test(kind, words, ray, ray.tmax)
         return inside & (t >= ray.tmin) & (t <= ray.tmax)
 
-    @staticmethod
-    def _line_test(kind: int, words: list[Any], ray: LocalRay, tmax: Any) -> tuple[Any, Any, Any, Any]:
+    def _line_test(self, kind: int, words: list[Any], ray: LocalRay, tmax: Any) -> tuple[Any, Any, Any, Any]:
+        if kind == record.TRIANGLE and self.intersection == "fast":
+            return intersect_triangle_fast(words, ray)
         if kind == record.TRIANGLE:
             assert ray.shear is not None
             return intersect_triangle(words, ray, ray.shear)

@@ -62,7 +62,7 @@ class Structure(Surface):
         """The structure's own boxes and then those of the structures inside it, a level at a time."""
         bounds = self.bounds()
         if is_box(bounds):
-            unit = 2.0 ** self.exponent
+            unit = 2.0**self.exponent
             lo, hi = (np.asarray(corner, np.float64) / unit for corner in bounds)
             for level in self.own_levels((lo, hi)):
                 yield replace(level, lo=level.lo * unit, hi=level.hi * unit)
