@@ -93,8 +93,8 @@ def ray_speed(
     repeat: int = 15,
     intersection: Intersection = "watertight",
 ) -> list[RaySpeed]:
-    """Measures every structure of ``structures`` (as ``rt.accel.build`` names them, with ``intersection``) on the three kinds of
-    rays.
+    """Measures every structure of ``structures`` (as ``rt.accel.build`` names them, with ``intersection``) on the
+    three kinds of rays.
 
     Closest hits are ``intersect`` against ``scene.ray_intersect_preliminary``, shadow rays ``occluded`` against
     ``ray_test``. Each rate is the best of ``repeat`` runs; ours and Mitsuba's alternate, so that both meet the same
