@@ -13,10 +13,12 @@ import drjit as dr
 
 from .errors import SettingError
 from .film import Film
+from .filtering import Filtering, plan_filtering
 from .integrators.aov import aov, channel_names, needs_offset_rays
 from .integrators.direct import direct
 from .integrators.path import path
 from .rays.camera import make_camera
+from .rays.differentials import make_differentials
 from .rays.ray import Ray
 from .rays.sampler import Sampler, make_sampler
 from .rays.wavefront import split_passes
@@ -24,7 +26,7 @@ from .scene.description import Camera, Integrator, PerspectiveCamera
 from .scene.field_of_view import fov_along, x_fov_of
 from .scene.scene import Scene
 from .scene.traced import TracedScene
-from .textures.filter_settings import parse_filter
+from .types import types
 
 #: Lanes of a pass: enough to keep every core busy for a second or so, few enough for a few hundred megabytes.
 MAX_LANES = 1 << 21
@@ -69,6 +71,7 @@ def render(
     spp: int = 1,
     accel: str | None = None,
     filter: str | None = None,
+    differentials: str | None = None,
     precision: str = "float32",
     *,
     size: tuple[int, int] | None = None,
@@ -80,10 +83,12 @@ def render(
     ``sensor`` counts the scene's cameras. ``integrator`` is ``"path"``, ``"direct"``, a
     :class:`description.Integrator` or None for the scene's own; with aovs the colour comes first and then their
     channels. ``spp`` samples a pixel, 0 for the count in the scene. ``accel`` names the structure (``"bvh"``,
-    ``"brute_force"``, options after a colon). ``filter`` (``"nearest"`` or ``"bilinear"``) takes the place of every
-    bitmap's own. ``precision`` is ``"float32"`` or ``"float64"``; ``size`` (width, height) replaces the film's.
-    ``intersection`` is ``"watertight"``, ``"fast"`` (see ``rt.accel.build``) or None for the scene's own.
-    ``progress`` shows a bar; None shows one on a terminal if there is more than one pass.
+    ``"brute_force"``, options after a colon). ``filter`` (``"bilinear"``, ``"ewa"``, ``"exact"`` ...: see
+    ``rt.filter_names()``; options after a colon) takes the place of every bitmap's own, and ``differentials``
+    (``"autodiff"``, ``"none"`` ...) say how rays know the footprints that it covers: see
+    :func:`~raytrace2.filtering.plan_filtering`. ``precision`` is ``"float32"`` or ``"float64"``; ``size`` (width,
+    height) replaces the film's. ``intersection`` is ``"watertight"``, ``"fast"`` (see ``rt.accel.build``) or None for
+    the scene's own. ``progress`` shows a bar; None shows one on a terminal if there is more than one pass.
 
     Ctrl-C raises :class:`RenderInterrupted`, which holds the image so far. The same arguments give the same image
     to the bit.
@@ -91,8 +96,8 @@ def render(
     if params is not None:
         raise TypeError("params: pass None; parameters are changed in the scene before it is loaded")
     return render_detailed(
-        scene, sensor, integrator, seed=seed, spp=spp, accel=accel, filter=filter, precision=precision, size=size,
-        intersection=intersection, progress=progress,
+        scene, sensor, integrator, seed=seed, spp=spp, accel=accel, filter=filter, differentials=differentials,
+        precision=precision, size=size, intersection=intersection, progress=progress,
     ).image  # fmt: skip
 
 
@@ -105,6 +110,7 @@ def render_detailed(
     spp: int = 1,
     accel: str | None = None,
     filter: str | None = None,
+    differentials: str | None = None,
     precision: str = "float32",
     size: tuple[int, int] | None = None,
     intersection: str | None = None,
@@ -119,15 +125,16 @@ def render_detailed(
         raise SettingError(f"precision must be 'float32' or 'float64', not {precision!r}")
     if spp < 0:
         raise SettingError(f"spp must be positive, or 0 for the scene's own, not {spp}")
-    traced = scene.traced(accel, precision, None if filter is None else parse_filter(filter), intersection)
+    sampler = make_sampler(camera_settings.sampler, types(precision), spp if spp != 0 else None)
+    filtering = plan_filtering(filter, differentials, camera_settings.film, sampler.sample_count)
+    traced = scene.traced(accel, precision, filtering.textures, intersection)
     if settings.kind != "aov" or settings.nested is not None or any(kind == "albedo" for _, kind in settings.aovs):
         traced.prepare_shading()
-    types = traced.types
-    sampler = make_sampler(camera_settings.sampler, types, spp if spp != 0 else None)
-    camera = make_camera(camera_settings, types)
+    camera = make_camera(camera_settings, traced.types)
     names = [] if settings.kind == "aov" and settings.nested is None else ["R", "G", "B"]
     names += channel_names(settings)
-    film = Film(camera_settings.film, types, len(names))
+    film = Film(filtering.film, traced.types, len(names))
+    view = _View(camera, film, filtering, sampler.sample_count)
     passes = split_passes(film.pixel_count, sampler.sample_count, max_lanes)
     if camera_settings.film.pixel_format == "luminance" and names[:3] == ["R", "G", "B"]:
         names[:3] = ["Y"]
@@ -150,7 +157,9 @@ def render_detailed(
                 sampler.seed(seed, wavefront)
                 pixel, _ = wavefront.pixel_and_sample()
                 offset = sampler.next_2d()
-                values = _sample(traced, settings, camera, film, sampler, pixel, offset)
+                if filtering.centred:
+                    offset = type(offset)(0.5, 0.5)
+                values = _sample(traced, settings, view, sampler, pixel, offset)
                 film.add(wavefront, offset, values)
                 dr.sync_thread()
                 some = True
@@ -201,31 +210,45 @@ def choose_integrator(scene: Scene, integrator: Integrator | str | None) -> Inte
     return integrator
 
 
+class _View:
+    """A camera, its film, and how rays through it know how far apart they are."""
+
+    def __init__(self, camera: Any, film: Film, filtering: Filtering, sample_count: int) -> None:
+        self.camera, self.film = camera, film
+        # Samples of a pixel lie the closer together the more there are (Igehy 1999; Mitsuba does the same).
+        spacing = sample_count**-0.5
+        Float = film.types.Float
+        self.step = dr.opaque(Float, spacing / film.width), dr.opaque(Float, spacing / film.height)
+        self.differentials = make_differentials(filtering.differentials, self.step, spacing)
+
+
 def _sample(
-    traced: TracedScene, settings: Integrator, camera: Any, film: Film, sampler: Sampler, pixel: Any, offset: Any
+    traced: TracedScene, settings: Integrator, view: _View, sampler: Sampler, pixel: Any, offset: Any
 ) -> list[Any]:
     """The values of one sample a lane: colour, then aovs."""
-    position = film.position(pixel, offset)
+    camera, differentials = view.camera, view.differentials
+    position = view.film.position(pixel, offset)
     aperture = sampler.next_2d() if camera.needs_aperture_sample else None
-    ray = camera.sample_ray(position, aperture)
     radiance = settings if settings.kind != "aov" else settings.nested
+    ray, differential = differentials.start(camera, position, aperture)
     values: list[Any] = []
     if radiance is not None:
-        values.extend(_RADIANCE[radiance.kind](traced, radiance, sampler, ray))
+        integrate = _RADIANCE[radiance.kind]
+        found = integrate(traced, radiance, sampler, ray, differentials=differentials, differential=differential)
+        values.extend(found)
     if settings.kind == "aov":
-        offsets = _offset_rays(camera, film, position, aperture, sampler) if needs_offset_rays(settings) else None
-        values = [*values, *aov(traced, settings, ray, offsets)]
+        needed = differential is None and needs_offset_rays(settings)
+        offsets = _offset_rays(view, position, aperture) if needed else None
+        found = aov(traced, settings, ray, offsets, differentials=differentials, differential=differential)
+        values = [*values, *found]
     return values
 
 
-def _offset_rays(camera: Any, film: Film, position: Any, aperture: Any, sampler: Sampler) -> tuple[Ray, Ray]:
-    """Rays one pixel to the right and down, drawn nearer as samples lie closer together (Igehy 1999; Mitsuba does
-    the same)."""
-    shrink = sampler.sample_count**-0.5
+def _offset_rays(view: _View, position: Any, aperture: Any) -> tuple[Ray, Ray]:
+    """Rays towards the next sample to the right and down."""
     step = type(position)
-    right = step(shrink / film.width, 0)
-    down = step(0, shrink / film.height)
-    return camera.sample_ray(position + right, aperture), camera.sample_ray(position + down, aperture)
+    right, down = step(view.step[0], 0), step(0, view.step[1])
+    return view.camera.sample_ray(position + right, aperture), view.camera.sample_ray(position + down, aperture)
 
 
 def _bar(progress: bool | None, passes: int) -> Any:

@@ -33,6 +33,7 @@ LAYERS = (
     ("scene.scene", "scene.traced", "scene.procedural"),
     ("reconstruction", "film"),
     ("integrators",),
+    ("filtering",),
     ("render",),
     ("box_edges", "box_cuts", "picture_parts"),
     ("load", "provenance", "notebook", "structure_pictures"),

@@ -7,7 +7,7 @@ from typing import Any
 
 import drjit as dr
 
-from ..rays.differentials import uv_partials
+from ..rays.differentials import NO_DIFFERENTIALS, Differentials, uv_partials
 from ..rays.ray import Ray
 from ..scene.description import Integrator
 from ..scene.traced import TracedScene
@@ -44,18 +44,26 @@ def channel_names(settings: Integrator) -> list[str]:
 
 
 def aov(
-    scene: TracedScene, settings: Integrator, ray: Ray, offset_rays: tuple[Ray, Ray] | None, active: Any = True
+    scene: TracedScene,
+    settings: Integrator,
+    ray: Ray,
+    offset_rays: tuple[Ray, Ray] | None,
+    active: Any = True,
+    *,
+    differentials: Differentials = NO_DIFFERENTIALS,
+    differential: Any = None,
 ) -> list[Any]:
     """The values (Float) of every channel of ``settings.aovs`` along each ray, zero on a miss.
 
-    ``offset_rays`` are those a pixel to the right and a pixel down, needed for ``duv_dx`` and ``duv_dy``.
+    ``duv_dx`` and ``duv_dy`` are what ``differentials`` say, and else found with ``offset_rays``, a pixel to the right
+    and a pixel down.
     """
     counts: Counts | None = None
     if any(kind.startswith("accel.") for _, kind in settings.aovs):
         hit, counts = scene.structure.count(ray, active)
     else:
         hit = scene.structure.intersect(ray, active)
-    si = scene.structure.interact(ray, hit)
+    si = differentials.meet(scene.structure, ray, differential, hit).si
     Float = scene.types.Float
     values: list[Any] = []
     for _, kind in settings.aovs:
@@ -95,5 +103,7 @@ def _value(
         return [scene.shape_index(si)]
     if kind == "albedo":
         return list(scene.materials.albedo(si, scene.material(si, si.valid), si.valid))
+    if si.footprint is not None:
+        return list(si.footprint.dx if kind == "duv_dx" else si.footprint.dy)
     assert offset_rays is not None
     return list(uv_partials(si, ray, offset_rays[0 if kind == "duv_dx" else 1]))

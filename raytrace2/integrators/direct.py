@@ -6,14 +6,26 @@ from typing import Any
 
 import drjit as dr
 
+from ..rays.differentials import NO_DIFFERENTIALS, Differentials
 from ..rays.ray import Ray
 from ..scene.description import Integrator
 from ..scene.traced import TracedScene
 from .emission import met_emission, past_emitters, power_heuristic
 
 
-def direct(scene: TracedScene, settings: Integrator, sampler: Any, ray: Ray, active: Any = True) -> Any:
+def direct(
+    scene: TracedScene,
+    settings: Integrator,
+    sampler: Any,
+    ray: Ray,
+    active: Any = True,
+    *,
+    differentials: Differentials = NO_DIFFERENTIALS,
+    differential: Any = None,
+) -> Any:
     """Radiance (Array3f) along each ray of light that scatters at most once.
+
+    ``differentials`` say how rays carry footprints, ``differential`` is that of ``ray``.
 
     ``settings.emitter_samples`` and ``settings.bsdf_samples`` rays are traced from each point, in symbolic loops; the
     sampler's numbers are drawn in Mitsuba's order, but none for what is not in the kernel.
@@ -28,7 +40,8 @@ def direct(scene: TracedScene, settings: Integrator, sampler: Any, ray: Ray, act
     hit = structure.intersect(ray, active)
     if settings.hide_emitters:
         hit = past_emitters(scene, ray, hit, active)
-    si = structure.interact(ray, hit)
+    meeting = differentials.meet(structure, ray, differential, hit)
+    si = meeting.si
     result = dr.zeros(t.Array3f, width)
     if not settings.hide_emitters:
         result += met_emission(scene, ray.o, ray, si, t.Float(1), t.Bool(True), active)
@@ -36,6 +49,7 @@ def direct(scene: TracedScene, settings: Integrator, sampler: Any, ray: Ray, act
     material = scene.material(si, active)
 
     def sample_light(i: Any, result: Any, sampler: Any) -> tuple[Any, Any, Any]:
+        si = meeting.inside(settings.emitter_samples > 1).si
         lit = active & materials.has_smooth(material, active)
         light = lights.sample(si.p, sampler.next_2d(), lit)
         lit &= light.pdf > 0
@@ -47,12 +61,18 @@ def direct(scene: TracedScene, settings: Integrator, sampler: Any, ray: Ray, act
         return i + 1, dr.select(lit, result + value * light.weight * weight, result), sampler
 
     def sample_material(i: Any, result: Any, sampler: Any) -> tuple[Any, Any, Any]:
+        here = meeting.inside(settings.bsdf_samples > 1)
+        scatter = here.scatter
         # Mitsuba draws the pair first here, and second in its path tracer.
         pair = sampler.next_2d()
-        sample = materials.sample(si, material, sampler.next_1d(), pair, active)
+        sample = materials.sample(scatter, material, sampler.next_1d(), pair, active)
+        onward = scatter.spawn_ray(scatter.to_world(sample.wo))
+        left = None
+        if differential is not None:
+            left = differentials.leave(here, sample, onward, differential)
+            onward, sample = dr.detach(onward), dr.detach(sample)
         useful = active & (dr.max(sample.weight) > 0)
-        onward = si.spawn_ray(si.to_world(sample.wo))
-        met = structure.interact(onward, structure.intersect(onward, useful))
+        met = differentials.meet(structure, onward, left, structure.intersect(onward, useful)).si
         if settings.emitter_samples:
             pdf, alone = sample.pdf * (bsdf_share / light_share), sample.delta
         else:

@@ -7,6 +7,7 @@ from typing import Any
 
 import drjit as dr
 
+from ..rays.differentials import NO_DIFFERENTIALS, Differentials
 from ..rays.ray import Ray
 from ..scene.description import Integrator
 from ..scene.traced import TracedScene
@@ -28,10 +29,22 @@ class PathState:
     delta: Any
     shown: Any
     active: Any
+    differential: Any = None
 
 
-def path(scene: TracedScene, settings: Integrator, sampler: Any, ray: Ray, active: Any = True) -> Any:
+def path(
+    scene: TracedScene,
+    settings: Integrator,
+    sampler: Any,
+    ray: Ray,
+    active: Any = True,
+    *,
+    differentials: Differentials = NO_DIFFERENTIALS,
+    differential: Any = None,
+) -> Any:
     """Radiance (Array3f) along each ray.
+
+    ``differentials`` say how rays carry footprints, ``differential`` is that of ``ray``.
 
     ``settings.max_depth`` counts as in Mitsuba: 1 shows emitters only, 2 direct light, -1 has no bound. The sampler's
     numbers are drawn in Mitsuba's order, but none for what is not in the kernel: only what the scene has (emitters met
@@ -42,11 +55,12 @@ def path(scene: TracedScene, settings: Integrator, sampler: Any, ray: Ray, activ
     if settings.max_depth == 0:
         return dr.zeros(t.Array3f, width)
     state = _start(scene, settings, ray, width, active)
+    state.differential = differential
     max_depth = dr.opaque(t.UInt, settings.max_depth if settings.max_depth >= 0 else 0xFFFFFFFF)
     rr_depth = dr.opaque(t.UInt, settings.rr_depth)
 
     def bounce(state: PathState, sampler: Any) -> tuple[PathState, Any]:
-        return _bounce(scene, settings, state, sampler, max_depth, rr_depth), sampler
+        return _bounce(scene, settings, state, sampler, max_depth, rr_depth, differentials), sampler
 
     state, _ = dr.while_loop((state, sampler), lambda s, _: s.active, bounce, label="path")
     return dr.select(state.shown, state.radiance, 0)
@@ -72,14 +86,21 @@ def _start(scene: TracedScene, settings: Integrator, ray: Ray, width: int, activ
 
 
 def _bounce(
-    scene: TracedScene, settings: Integrator, s: PathState, sampler: Any, max_depth: Any, rr_depth: Any
+    scene: TracedScene,
+    settings: Integrator,
+    s: PathState,
+    sampler: Any,
+    max_depth: Any,
+    rr_depth: Any,
+    differentials: Differentials,
 ) -> PathState:
     t = scene.types
     structure, materials, lights = scene.structure, scene.materials, scene.lights
     hit = structure.intersect(s.ray, s.active)
     if settings.hide_emitters:
         hit = past_emitters(scene, s.ray, hit, s.active & (s.depth == 0))
-    si = structure.interact(s.ray, hit)
+    meeting = differentials.meet(structure, s.ray, s.differential, hit)
+    si = meeting.si
     if lights.has_area or lights.has_environment:
         emitted = met_emission(scene, s.origin, s.ray, si, s.pdf, s.delta, s.active)
         s.radiance = dr.fma(s.throughput, emitted, s.radiance)
@@ -99,9 +120,14 @@ def _bounce(
         direct = s.throughput * value * light.weight * weight
         s.radiance = dr.select(lit, s.radiance + direct, s.radiance)
 
-    sample = materials.sample(si, material, sampler.next_1d(), sampler.next_2d(), goes_on)
-    d = si.to_world(sample.wo)
-    s.ray = dr.select(goes_on, si.spawn_ray(d), s.ray)
+    scatter = meeting.scatter
+    sample = materials.sample(scatter, material, sampler.next_1d(), sampler.next_2d(), goes_on)
+    onward = scatter.spawn_ray(scatter.to_world(sample.wo))
+    if s.differential is not None:
+        left = differentials.leave(meeting, sample, onward, s.differential)
+        s.differential = dr.select(goes_on, left, s.differential)
+        onward, sample = dr.detach(onward), dr.detach(sample)
+    s.ray = dr.select(goes_on, onward, s.ray)
     s.throughput = dr.select(goes_on, s.throughput * sample.weight, s.throughput)
     gain = dr.max(s.throughput)
     if s.eta is not None:

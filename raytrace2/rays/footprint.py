@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
+
+import drjit as dr
 
 
 @dataclass
@@ -21,6 +24,25 @@ class Footprint:
     dxy: Any = None
     dyy: Any = None
     random: Any = None
+
+    def __post_init__(self) -> None:
+        self._looked_up: dict[Any, Any] = {}
+
+    def once(self, what: tuple[Any, ...], look_up: Callable[[], Any]) -> Any:
+        """``look_up()``, or what it gave before for the same ``what``.
+
+        Look-ups over footprints are loops, which Dr.Jit does not recognise as the same: a material that is sampled and
+        evaluated would do them twice. Dr.Jit arrays in ``what`` count as the variables that they are.
+        """
+        key = tuple(x.index if dr.is_jit_v(x) else x for x in what)
+        if key not in self._looked_up:
+            # With what it is of, so that no variable of another value comes to bear the same index.
+            self._looked_up[key] = look_up(), what
+        return self._looked_up[key][0]
+
+    def copy(self) -> Footprint:
+        """The same with nothing looked up: for the body of a symbolic loop, whose values are of no use outside."""
+        return replace(self)
 
     def mapped(self, linear: Any) -> Footprint:
         """The same under a linear map of uv: ``linear(v)`` is the image of a vector ``v``."""

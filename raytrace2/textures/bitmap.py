@@ -15,6 +15,7 @@ from ..scene.description import BitmapTexture
 from ..types import Types
 from .filter_settings import FilterSettings
 from .filters import FILTERS
+from .pyramid import Pyramid
 from .texels import Texels
 from .uv_transform import UvTransforms
 from .wrap import MODES, wrap
@@ -26,7 +27,8 @@ _POINT = {"nearest": 0, "bilinear": 1}
 class Image:
     """One image a lane: ``offset`` UInt (texels before it), ``width`` and ``height`` Float.
 
-    ``mode`` and ``filter`` (UInt) and ``srgb`` (Bool) are None where all images agree.
+    ``mode`` and ``filter`` (UInt) and ``srgb`` (Bool) are None where all images agree. ``place`` (UInt) is that of the
+    bitmap; ``coarse`` and ``scale`` are those of a pyramid's levels.
     """
 
     offset: Any
@@ -35,6 +37,9 @@ class Image:
     mode: Any
     filter: Any
     srgb: Any
+    place: Any = None
+    coarse: Any = None
+    scale: Any = None
 
 
 class Bitmaps:
@@ -60,6 +65,9 @@ class Bitmaps:
         self._mixed_srgb = len(set(srgb)) > 1
         self._count = len(images)
         sizes = np.array([image.shape[1::-1] for image in images], dtype=np.uint32)
+        self.pyramid: Pyramid | None = None
+        if settings is not None and settings.needs_pyramid:
+            self.pyramid = Pyramid(self.texels, sizes, srgb, modes, types, settings.pyramid)
         flags = np.array(modes) | np.array(filters) << 2 | np.array(srgb, dtype=np.int64) << 3
         records = np.column_stack([self.texels.offsets, sizes, flags]).astype(np.uint32)
         if self._count == 1:
@@ -70,6 +78,12 @@ class Bitmaps:
     def eval(self, place: Any, uv: Any, footprint: Any, active: Any) -> Any:
         """The filtered texture at ``uv`` of the surface, over the ``footprint`` there (None if there is none): Array3f,
         or Float where there is one channel."""
+        if footprint is not None and self._settings is not None and self._settings.needs_footprint:
+            what = (id(self), place, self._types.Bool(active))
+            return footprint.once(what, lambda: self._look_up(place, uv, footprint, active))
+        return self._look_up(place, uv, None, active)
+
+    def _look_up(self, place: Any, uv: Any, footprint: Footprint | None, active: Any) -> Any:
         image = self.image(place, active)
         at = self._to_uv.apply(place, uv, active)
         if self._settings is not None:
@@ -112,6 +126,7 @@ class Bitmaps:
             flags & 3 if len(self._modes) > 1 else None,
             flags >> 2 & 1 if len(self._filters) > 1 else None,
             flags & 8 != 0 if self._mixed_srgb else None,
+            place,
         )
 
     def columns(self, image: Image, x: Any) -> tuple[Any, Any]:
@@ -122,10 +137,17 @@ class Bitmaps:
         """Rows (Float, in range) of the texels ``y`` and ``y + 1``, after wrapping."""
         return wrap(y, image.height, image.mode, self._modes)
 
+    def level(self, image: Image, level: Any, active: Any) -> Image:
+        """The image at ``level`` (UInt) of its pyramid, which there must be; beyond its last level that."""
+        assert self.pyramid is not None
+        return self.pyramid.level(image, level, active)
+
     def texel(self, image: Image, column: Any, row: Any, active: Any) -> Any:
         """The linear value at a column and row that are in range: Array3f, or Float where there is one channel."""
         u = self._types.UInt
         index = dr.fma(u(row), u(image.width), u(column)) + image.offset
+        if self.pyramid is not None:
+            return self.pyramid.fetch(image, index, active)
         return self.texels.fetch(index, image.srgb, active)
 
 

@@ -1,0 +1,17 @@
+"""How rays change from one sample to the next, carried from the camera through every bounce. One way a file."""
+
+from .choose import DIFFERENTIALS, Differentials, check_differentials, make_differentials
+from .none import NO_DIFFERENTIALS
+from .state import Meeting, RayDifferential
+from .uv_partials import uv_partials
+
+__all__ = [
+    "DIFFERENTIALS",
+    "NO_DIFFERENTIALS",
+    "Differentials",
+    "Meeting",
+    "RayDifferential",
+    "check_differentials",
+    "make_differentials",
+    "uv_partials",
+]

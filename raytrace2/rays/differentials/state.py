@@ -1,0 +1,43 @@
+"""What travels with a ray, and what is known where it meets a surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from ...surfaces.interaction import SurfaceInteraction
+
+
+@dataclass
+class RayDifferential:
+    """The derivatives (Array3f) of a ray's origin and direction towards the next sample to the right and down."""
+
+    o_dx: Any
+    d_dx: Any
+    o_dy: Any
+    d_dy: Any
+
+    def directions(self) -> list[tuple[Any, Any]]:
+        """(origin, direction) moved to the right, and down."""
+        return [(self.o_dx, self.d_dx), (self.o_dy, self.d_dy)]
+
+
+@dataclass
+class Meeting:
+    """A ray with differentials at a surface.
+
+    ``si`` is what shading reads, with its footprint; ``scatter`` the same for choosing where the ray goes on: what
+    moves with the ray there may carry derivatives, which end in ``leave``. ``memory`` is the way's own.
+    """
+
+    si: SurfaceInteraction
+    scatter: SurfaceInteraction
+    memory: Any = None
+
+    def inside(self, loop: bool) -> Meeting:
+        """The same for use in the body of a symbolic ``loop``, where look-ups cannot be shared with the outside."""
+        if not loop or self.si.footprint is None:
+            return self
+        footprint = self.si.footprint.copy()
+        si, scatter = (replace(x, footprint=footprint) for x in (self.si, self.scatter))
+        return Meeting(si, scatter, self.memory)
