@@ -31,6 +31,11 @@ class FilterSettings:
         """Whether look-ups heed a footprint at all."""
         return self.name not in POINT_FILTERS
 
+    @property
+    def needs_pyramid(self) -> bool:
+        """Whether look-ups read coarser levels of images."""
+        return (self.of if self.name == "stochastic" else self.name) in PYRAMID_FILTERS
+
     def __post_init__(self) -> None:
         if self.name not in filter_names():
             raise SettingError(f"unknown filter {self.name!r}; there are {', '.join(filter_names())}")
@@ -47,6 +52,8 @@ class FilterSettings:
 #: Filters that read the texels around a point, whatever the footprint.
 POINT_FILTERS = ("nearest", "bilinear", "bicubic")
 FOOTPRINT_FILTERS = ("mip_distance", "trilinear", "trilinear_shorter", "ewa", "probes", "exact", "exact2", "stochastic")
+#: Of these the ones that read images at half, a quarter, ... of their size.
+PYRAMID_FILTERS = ("mip_distance", "trilinear", "trilinear_shorter", "ewa", "probes")
 
 
 def filter_names() -> tuple[str, ...]:
@@ -73,4 +80,4 @@ def parse_filter(text: str | FilterSettings) -> FilterSettings:
     return replace(FilterSettings(name), **options)
 
 
-__all__ = ["FOOTPRINT_FILTERS", "POINT_FILTERS", "FilterSettings", "filter_names", "parse_filter"]
+__all__ = ["FOOTPRINT_FILTERS", "POINT_FILTERS", "PYRAMID_FILTERS", "FilterSettings", "filter_names", "parse_filter"]

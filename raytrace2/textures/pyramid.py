@@ -1,0 +1,109 @@
+"""Images at half, a quarter, ... of their size, for filters that read many texels as one (Williams 1983, SIGGRAPH)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from ..buffers import owned
+from ..types import Types
+from .halving import half, halve
+from .texels import Texels
+
+# What the brightest texel of a channel is in the coarser levels of 8-bit images, which hold halves: kernels with
+# negative lobes may go beyond it by as much again.
+_WHITE = 2.0**15
+
+
+class Pyramid:
+    """Every level of every image of one :class:`~raytrace2.textures.texels.Texels`, down to a single texel.
+
+    Level 0 is the image itself in its own storage; each further one has half the width and half the height, rounded
+    up (:func:`~raytrace2.textures.halving.half`), and averages linear values. ``sizes`` is (images, 2): width and
+    height. Levels of 8-bit and half images are halves, with relative error 2^-11 (of 8-bit images, where a channel is
+    below 2^-29 of its largest value, absolute 2^-40 of that), others have the table's precision. Levels of
+    a constant image are that constant to the last bit. Half values beyond 65504, which only ``"lanczos"`` can make,
+    become that.
+    """
+
+    def __init__(
+        self,
+        texels: Texels,
+        sizes: np.ndarray,
+        srgb: Sequence[bool],
+        modes: Sequence[int],
+        types: Types,
+        kernel: str = "box",
+    ) -> None:
+        self._types = types
+        self._texels = texels
+        self._single = len(sizes) == 1
+        #: Levels that each image has; those beyond an image's last repeat it.
+        self.levels = max(level_count(width, height) for width, height in sizes.tolist())
+        records = np.zeros((len(sizes), self.levels, 4), np.uint32)
+        scales = np.ones((len(sizes), 4))
+        made: list[list[Any]] = []
+        end = 0 if texels.is_bytes else texels.count
+        for i, (width, height) in enumerate(sizes.tolist()):
+            records[i, :] = int(texels.offsets[i]), width, height, 0
+            planes = self._planes(i, width * height, srgb[i])
+            if texels.is_bytes:
+                scales[i, : len(planes)] = [float(np.asarray(p).max()) / _WHITE or 1.0 for p in planes]
+            for level in range(1, level_count(width, height)):
+                planes = halve(planes, width, height, modes[i], kernel, types)
+                width, height = half(width), half(height)
+                records[i, level:] = end, width, height, 1
+                made.append([p / types.Float(s) for p, s in zip(planes, scales[i].tolist(), strict=False)])
+                end += width * height
+        self._records = owned(records, types.UInt)
+        self._coarse = texels.append(made)
+        self._scales: Any = None
+        if texels.is_bytes:
+            self._scales = [owned(s, types.Float) for s in scales[0]] if self._single else owned(scales, types.Float)
+
+    def level(self, image: Any, level: Any, active: Any) -> Any:
+        """``image`` (:class:`~raytrace2.textures.bitmap.Image`) at ``level`` (UInt; beyond the last there is the last):
+        what point filters and ``texel`` take for an image."""
+        t = self._types
+        level = dr.select(level < self.levels, level, self.levels - 1)
+        index = level if self._single else dr.fma(image.place, self.levels, level)
+        record = dr.gather(dr.uint32_array_t(t.Array4f), self._records, index, active)
+        coarse, scale = None, None
+        if self._texels.is_bytes:
+            coarse = record.w != 0
+            scale = self._scales if self._single else dr.gather(t.Array4f, self._scales, image.place, active)
+        return replace(
+            image, offset=record.x, width=t.Float(record.y), height=t.Float(record.z), coarse=coarse, scale=scale
+        )
+
+    def fetch(self, image: Any, index: Any, active: Any) -> Any:
+        """The texel ``index`` of one of the levels that :meth:`level` gave: Array3f, or Float where there is one
+        channel."""
+        if image.coarse is None:
+            return self._texels.fetch(index, image.srgb, active)
+        t = self._types
+        full = self._texels.fetch(index, image.srgb, active & ~image.coarse)
+        active = active & image.coarse
+        if self._texels.channels == 1:
+            value = t.Float(dr.gather(type(self._coarse), self._coarse, index, active)) * image.scale[0]
+        else:
+            packet = dr.gather(dr.float16_array_t(t.Array4f), self._coarse, index, active)
+            value = t.Array3f(*(t.Float(packet[c]) * image.scale[c] for c in range(3)))
+        return dr.select(image.coarse, value, full)
+
+    def _planes(self, image: int, count: int, srgb: bool) -> list[Any]:
+        u = self._types.UInt
+        index = dr.arange(u, count) + dr.opaque(u, int(self._texels.offsets[image]))
+        value = self._texels.fetch(index, self._types.Bool(srgb), True)
+        planes = [value] if self._texels.channels == 1 else [value.x, value.y, value.z]
+        dr.eval(planes)
+        return planes
+
+
+def level_count(width: int, height: int) -> int:
+    """How many levels an image has."""
+    return 1 + (max(width, height) - 1).bit_length()
