@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+_LONGEST = 1200
+
 
 @dataclass(frozen=True)
 class Location:
@@ -27,7 +29,10 @@ class Problem:
     def __str__(self) -> str:
         where = f"{self.location}: " if self.location else ""
         remedy = f" ({self.remedy})" if self.remedy else ""
-        return " ".join(f"{where}{self.message}{remedy}".split())
+        text = " ".join(f"{where}{self.message}{remedy}".split())
+        text = "".join(c if c.isprintable() else c.encode("unicode_escape", "replace").decode() for c in text)
+        # The start says where, the end what to do.
+        return text if len(text) <= _LONGEST else f"{text[: _LONGEST // 2]} ... {text[-_LONGEST // 2 :]}"
 
 
 class RayTraceError(Exception):

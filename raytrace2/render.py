@@ -11,6 +11,7 @@ from typing import Any
 
 import drjit as dr
 
+from .arguments import whole_number
 from .errors import SettingError
 from .film import Film
 from .filtering import Filtering, plan_filtering
@@ -22,6 +23,7 @@ from .rays.differentials import make_differentials
 from .rays.ray import Ray
 from .rays.sampler import Sampler, make_sampler
 from .rays.wavefront import split_passes
+from .render_arguments import check_integrator, check_names, check_scene, check_work, checked_counts, checked_size
 from .scene.description import Camera, Integrator, PerspectiveCamera
 from .scene.field_of_view import fov_along, x_fov_of
 from .scene.scene import Scene
@@ -118,13 +120,15 @@ def render_detailed(
     max_lanes: int = MAX_LANES,
 ) -> Rendering:
     """:func:`render` with what it took; ``max_lanes`` bounds the samples of a pass."""
+    check_scene(scene)
+    check_integrator(integrator)
+    check_names(accel=accel, filter=filter, differentials=differentials, intersection=intersection)
+    spp, seed = checked_counts(spp, seed)
     camera_settings = choose_camera(scene, sensor, size)
     settings = choose_integrator(scene, integrator)
     begin = time.perf_counter()
     if precision not in ("float32", "float64"):
         raise SettingError(f"precision must be 'float32' or 'float64', not {precision!r}")
-    if spp < 0:
-        raise SettingError(f"spp must be positive, or 0 for the scene's own, not {spp}")
     sampler = make_sampler(camera_settings.sampler, types(precision), spp if spp != 0 else None)
     filtering = plan_filtering(filter, differentials, camera_settings.film, sampler.sample_count)
     traced = scene.traced(accel, precision, filtering.textures, intersection)
@@ -133,6 +137,7 @@ def render_detailed(
     camera = make_camera(camera_settings, traced.types)
     names = [] if settings.kind == "aov" and settings.nested is None else ["R", "G", "B"]
     names += channel_names(settings)
+    check_work(filtering.film, len(names), sampler.sample_count, max_lanes)
     film = Film(filtering.film, traced.types, len(names))
     view = _View(camera, film, filtering, sampler.sample_count)
     passes = split_passes(film.pixel_count, sampler.sample_count, max_lanes)
@@ -173,15 +178,15 @@ def render_detailed(
 
 def choose_camera(scene: Scene, sensor: int, size: tuple[int, int] | None) -> Camera:
     """The description of camera ``sensor``, its film resized if ``size`` is given (a crop window scales along)."""
+    check_scene(scene)
     cameras = scene.description.cameras
+    sensor = whole_number(sensor, "sensor")
     if not 0 <= sensor < len(cameras):
         raise SettingError(f"sensor {sensor} does not exist: the scene has {len(cameras)}")
     camera = cameras[sensor]
     if size is None:
         return camera
-    width, height = size
-    if width < 1 or height < 1:
-        raise SettingError(f"the film needs at least one pixel, not {width} x {height}")
+    width, height = checked_size(size)
     film = camera.film
     sx, sy = width / film.width, height / film.height
     left, top = round(film.crop_offset_x * sx), round(film.crop_offset_y * sy)

@@ -18,6 +18,7 @@ SOURCE = Path(__file__).parent.parent / "raytrace2"
 # the cameras that make rays; the scene that is traced comes after everything that it is put together from.
 LAYERS = (
     ("errors",),
+    ("arguments",),
     ("_llvm",),
     ("types",),
     ("files", "exr_header", "exr", "image_io"),
@@ -33,7 +34,7 @@ LAYERS = (
     ("scene.scene", "scene.traced", "scene.procedural"),
     ("reconstruction", "film"),
     ("integrators",),
-    ("filtering",),
+    ("filtering", "render_arguments"),
     ("render",),
     ("box_edges", "box_cuts", "picture_parts"),
     ("load", "provenance", "notebook", "structure_pictures"),

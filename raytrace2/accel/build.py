@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
+from ..arguments import shortened, shown
 from ..errors import SettingError
 from ..surfaces.geometry import Geometry
 from ..surfaces.primitives import Intersection
@@ -88,7 +89,12 @@ def build(
     their own.
     """
     name, written = parse_kind(kind)
-    items = [surfaces] if isinstance(surfaces, Surface) else list(surfaces)
+    if isinstance(surfaces, Surface):
+        items: list[Surface] = [surfaces]
+    elif isinstance(surfaces, Iterable) and not isinstance(surfaces, str | bytes):
+        items = list(surfaces)
+    else:
+        raise TypeError(f"build takes a Surface or a list of them, not {type(surfaces).__name__}")
     for item in items:
         if not isinstance(item, Surface):
             raise TypeError(f"build takes Surfaces, not {type(item).__name__}")
@@ -101,14 +107,16 @@ def build(
 
 def parse_kind(text: str) -> tuple[str, dict[str, Any]]:
     """``"bvh:max_leaf_size=2,node_cost=1.5"`` as a name and options; numbers become numbers."""
+    if not isinstance(text, str):
+        raise SettingError(f"an acceleration structure is named by a string, not {shown(text)}")
     name, _, rest = text.partition(":")
     if name not in _KINDS:
-        raise SettingError(f"unknown acceleration structure {name!r}; there are {', '.join(_KINDS)}")
+        raise SettingError(f"unknown acceleration structure {shown(name)}; there are {', '.join(_KINDS)}")
     options: dict[str, Any] = {}
     for item in filter(None, rest.split(",")):
         key, equals, value = item.partition("=")
         if not equals:
-            raise SettingError(f"{item!r} in {text!r} should read option=value")
+            raise SettingError(f"{shown(item)} in {shown(text)} should read option=value")
         options[key.strip()] = _number(value.strip())
     return name, options
 
@@ -116,7 +124,7 @@ def parse_kind(text: str) -> tuple[str, dict[str, Any]]:
 def _plainly(error: Exception) -> str:
     """What a config says of an option that it does not have, in the user's words."""
     found = re.search(r"unexpected keyword argument '(\w+)'", str(error))
-    return f"there is no option {found[1]!r}" if found else str(error)
+    return shortened(f"there is no option {found[1]!r}" if found else str(error), 500)
 
 
 def _number(text: str) -> Any:

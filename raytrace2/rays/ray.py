@@ -7,6 +7,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from ..arguments import real_array
 from ..types import Types, types
 
 
@@ -36,12 +37,19 @@ class Ray:
             if hasattr(source, "tmax"):
                 tmin, tmax = source.tmin, source.tmax
         if precision is None:
-            precision = "float64" if dr.is_jit_v(o) and dr.type_v(o) == dr.VarType.Float64 else "float32"
+            precision = "float64" if _is_jit(o) and dr.type_v(o) == dr.VarType.Float64 else "float32"
         t = types(precision)
+        with np.errstate(over="ignore"):
+            self._take(o, d, tmin, tmax, t)
+
+    def _take(self, o: Any, d: Any, tmin: Any, tmax: Any, t: Types) -> None:
         self.o = _vectors(o, t, "o")
         self.d = _vectors(d, t, "d")
         self.tmin = _scalars(tmin, t, "tmin")
         self.tmax = _scalars(tmax, t, "tmax")
+        empty = [name for name in ("tmin", "tmax") if dr.width(getattr(self, name)) == 0 and len(self)]
+        if empty:
+            raise ValueError(f"{empty[0]} holds no number, but there are rays")
         widths = {dr.width(x) for x in (self.o, self.d, self.tmin, self.tmax)} - {1}
         if len(widths) > 1:
             raise ValueError(f"o, d, tmin and tmax hold different numbers of rays: {sorted(widths)}")
@@ -62,19 +70,27 @@ class Ray:
         return max(dr.width(self.o), dr.width(self.d), dr.width(self.tmax))
 
 
+def _is_jit(value: Any) -> bool:
+    return value is not None and bool(dr.is_jit_v(value))
+
+
 def _vectors(value: Any, t: Types, name: str) -> Any:
-    if dr.is_jit_v(value):
+    if _is_jit(value) and not dr.is_tensor_v(value):
+        if dr.depth_v(value) != 2 or len(value) != 3:
+            raise ValueError(f"{name} must be an Array3f or of shape (n, 3), not a {type(value).__name__}")
         return t.Array3f(value)
-    array = np.asarray(value, dtype=t.numpy)
+    array = real_array(value, name, ValueError).astype(t.numpy)
     if array.ndim not in (1, 2) or array.shape[-1] != 3:
         raise ValueError(f"{name} must have shape (n, 3), not {array.shape}")
     return t.Array3f(np.ascontiguousarray(array.reshape(-1, 3).T))
 
 
 def _scalars(value: Any, t: Types, name: str) -> Any:
-    if dr.is_jit_v(value):
+    if _is_jit(value) and not dr.is_tensor_v(value):
+        if dr.depth_v(value) != 1:
+            raise ValueError(f"{name} must be a number or a Float, not a {type(value).__name__}")
         return t.Float(value)
-    array = np.asarray(value, dtype=t.numpy)
+    array = real_array(value, name, ValueError).astype(t.numpy)
     if array.ndim > 1:
         raise ValueError(f"{name} must be a number or of shape (n,), not {array.shape}")
     return t.Float(array.ravel()) if array.ndim else t.Float(float(value))

@@ -7,6 +7,7 @@ from typing import Any
 
 from ..accel.build import build
 from ..errors import GeometryError, Problem, SceneError
+from ..surfaces.door import origin_of
 from ..surfaces.hit import Hit
 from ..surfaces.instance import Instance
 from ..surfaces.interaction import SurfaceInteraction
@@ -87,7 +88,7 @@ class Scene:
         return f"Scene({d.source or 'in memory'}: {counts})"
 
     def _for(self, ray: Any) -> TracedScene:
-        return self.traced(precision=types_of(ray.o).precision)
+        return self.traced(precision=types_of(origin_of(ray)).precision)
 
     def _build(self, accel: str, precision: str, intersection: Any) -> Structure:
         groups: dict[int, Structure] = {}

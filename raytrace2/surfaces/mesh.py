@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..arguments import real_array
 from ..errors import GeometryError
 from ..types import Types
 from . import record
@@ -43,7 +44,7 @@ class TriangleMesh(Surface):
                 set_(self, key, array)
 
     def _checked_faces(self) -> np.ndarray:
-        faces = _host(self.faces)
+        faces = _host(self.faces, f"{self.name}: faces")
         if faces.ndim == 1 and faces.size % 3 == 0:
             faces = faces.reshape(-1, 3)
         if faces.ndim != 2 or faces.shape[1] != 3:
@@ -51,7 +52,7 @@ class TriangleMesh(Surface):
         if len(faces) == 0:
             raise GeometryError(f"{self.name}: the mesh has no faces; leave it out or give it some")
         if faces.dtype.kind == "f":
-            if not np.array_equal(faces, np.floor(faces)):
+            if not (np.isfinite(faces).all() and np.array_equal(faces, np.floor(faces))):
                 raise GeometryError(f"{self.name}: faces must be integers")
         elif faces.dtype.kind not in "iu":
             raise GeometryError(f"{self.name}: faces must be integers, not {faces.dtype}")
@@ -78,9 +79,9 @@ class TriangleMesh(Surface):
         return Primitives(types, records, lo, hi, (record.TRIANGLE,))
 
 
-def _host(value: Any) -> np.ndarray:
+def _host(value: Any, what: str) -> np.ndarray:
     """``value`` as NumPy; Dr.Jit arrays of vectors come transposed."""
-    array = np.asarray(value)
+    array = real_array(value, what)
     is_vectors = hasattr(type(value), "IsDrJit") or type(value).__module__.startswith(("drjit", "mitsuba"))
     if is_vectors and array.ndim == 2 and array.shape[0] in (2, 3) and "Tensor" not in type(value).__name__:
         array = array.T
@@ -88,10 +89,7 @@ def _host(value: Any) -> np.ndarray:
 
 
 def _numbers(value: Any, columns: int, name: str, key: str) -> np.ndarray:
-    try:
-        array = np.array(_host(value), dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise GeometryError(f"{name}: {key} must be an array of numbers ({error})") from None
+    array = np.array(_host(value, f"{name}: {key}"), dtype=np.float64)
     if array.ndim == 1 and array.size % columns == 0:
         array = array.reshape(-1, columns)
     if array.ndim != 2 or array.shape[1] != columns:

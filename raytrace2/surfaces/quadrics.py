@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ..arguments import positive_number, real_array
 from ..errors import GeometryError
 from ..types import Types
 from . import record
@@ -71,10 +72,12 @@ class Sphere(Quadric):
     @staticmethod
     def at(center: Any = (0.0, 0.0, 0.0), radius: float = 1.0, *, flip_normals: bool = False) -> Sphere:
         """The sphere of ``radius`` about ``center``."""
-        if not radius > 0:
-            raise GeometryError(f"sphere: the radius must be positive, not {radius}")
+        radius = positive_number(radius, "sphere: the radius")
+        place = real_array(center, "sphere: the centre").astype(np.float64)
+        if place.size != 3 or place.ndim > 2:
+            raise GeometryError(f"sphere: the centre must be three numbers, not of shape {place.shape}")
         matrix = np.diag([radius, radius, radius, 1.0])
-        matrix[:3, 3] = center
+        matrix[:3, 3] = place.ravel()
         return Sphere(matrix, flip_normals)
 
     @property

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..rays.ray import Ray
 from ..types import Types
+from .door import checked_hit, checked_mask, origin_of
 from .hit import Candidate, Counts, Hit
 from .levels import Level, is_box, levels_inside, root_level
 from .primitives import LocalRay, Primitives
@@ -95,7 +96,8 @@ class Structure(Surface):
         return hit, counts
 
     def _closest(self, ray: Any, active: Any, *, counting: bool) -> tuple[Hit, Counts | None]:
-        ray, active = self._checked(ray), self.types.Bool(active)
+        ray = self._checked(ray)
+        active = checked_mask(active, self.types, _width(ray, True))
         types, width = self.types, _width(ray, active)
         zero = dr.zeros(types.Float, width)
         none = dr.full(types.UInt, NONE, width)
@@ -112,14 +114,16 @@ class Structure(Surface):
         return Hit(t, prim, types.Array2f(found.u, found.v), surface, instance), found.counts
 
     def occluded(self, ray: Any, active: Any = True) -> Any:
-        ray, active = self._checked(ray), self.types.Bool(active)
+        ray = self._checked(ray)
+        active = checked_mask(active, self.types, _width(ray, True))
         with dr.suspend_grad():
             local, _ = into_units(ray, self._farthest(ray), self.exponent)
             root = dr.zeros(self.types.UInt, _width(ray, active))
             return self.traverse_any(local, root, _can_hit(ray, local) & active)
 
     def interact(self, ray: Any, hit: Hit) -> SurfaceInteraction:
-        return self.geometry.interact(self._checked(ray), hit)
+        ray = self._checked(ray)
+        return self.geometry.interact(ray, checked_hit(hit, _width(ray, True)))
 
     def _farthest(self, ray: Ray) -> Any:
         """tmax, but finite: a hit at infinity is no hit, it comes from overflow. NaN stays, and admits nothing."""
@@ -127,6 +131,7 @@ class Structure(Surface):
         return dr.select(ray.tmax > largest, largest, ray.tmax)
 
     def _checked(self, ray: Any) -> Ray:
+        origin_of(ray)
         if not isinstance(ray, Ray):
             ray = Ray(ray, precision=self.types.precision)
         given = dr.type_v(ray.o) == dr.VarType.Float64

@@ -53,10 +53,11 @@ class Surface:
     def _scan(self, ray: Any) -> Scan:
         """Every primitive of this surface against every ray, in the precision of ``ray``; kept with the surface."""
         # Below this module: a scan is a structure, and a structure a Surface.
+        from .door import origin_of
         from .geometry import Geometry
         from .scan import Scan
 
-        precision = types_of(ray.o).precision
+        precision = types_of(origin_of(ray)).precision
         scans: dict[str, Scan] = self.__dict__.setdefault("_scans", {})
         if precision not in scans:
             scans[precision] = Scan(Geometry([self], types(precision)))

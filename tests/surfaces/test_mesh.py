@@ -26,7 +26,7 @@ F = np.array([[0, 1, 2]])
         ((np.zeros((0, 3)), F), "0 vertices"),
         ((V, [[0, 1, 1.5]]), "integers"),
         ((V, [[0, 1, np.nan]]), "integers"),
-        ((V, [["a", "b", "c"]]), "integers"),
+        ((V, [["a", "b", "c"]]), "numbers"),
         ((V * np.nan, F), "finite"),
         ((V + np.inf, F), "finite"),
         ((V * 1e31, F), "1e+31"),
