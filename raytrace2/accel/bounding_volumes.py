@@ -17,6 +17,7 @@ from ..surfaces.hit import Candidate
 from ..surfaces.levels import Level
 from ..surfaces.primitives import LocalRay, Primitives
 from ..surfaces.structure import Structure
+from ..surfaces.turns import Turns
 from . import bounding_volumes_traversal as traversal
 from .level_boxes_bvh import volume_levels
 from .volume_groups import Groups, expected_tests, few_large, half_area, halved, in_runs, with_singles
@@ -93,6 +94,7 @@ class BoundingVolumes(Structure):
             dr.opaque(UInt, len(groups)),
             parts.upload(),
         )
+        self.turns = Turns(self.types, self.kind, traversal.most_turns(len(groups), len(parts)))
         sizes = np.diff(groups.firsts)
         everything = 2 * half_area(parts.lo.min(axis=0)[None], parts.hi.max(axis=0)[None])[0]
         share = np.minimum(volume.areas(words) / everything, 1) if everything > 0 else np.ones(len(groups))
@@ -135,12 +137,12 @@ class BoundingVolumes(Structure):
     def traverse(self, ray: LocalRay, best: Candidate, root: Any, active: Any) -> Candidate:
         if self._device is None:
             return best
-        return traversal.closest(self._device, ray, best, active)
+        return traversal.closest(self._device, ray, best, active, self.turns)
 
     def traverse_any(self, ray: LocalRay, root: Any, active: Any) -> Any:
         if self._device is None:
             return dr.full(self.types.Bool, False, dr.width(root))
-        return traversal.anything(self._device, ray, root, active)
+        return traversal.anything(self._device, ray, root, active, self.turns)
 
     def own_levels(self, bounds: tuple[np.ndarray, np.ndarray]) -> Iterator[Level]:
         return iter(()) if self._device is None else volume_levels(bounds, self._device, self.config.volume)

@@ -3,6 +3,9 @@
 All rays go down the list in step, so that rays that a processor works on at once read the same volumes, and each
 notes what it met. Then each works through its own notes: rays that met different groups test them at the same time,
 where testing a group as soon as any of them met it would make all the others wait.
+
+Reading takes a turn for each block, and working through the notes a turn for each volume or primitive: whatever the
+tests say, a ray comes to none twice, so it takes no more turns of the inner loops than there are of all three.
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ import numpy as np
 
 from ..surfaces.hit import Candidate
 from ..surfaces.primitives import DevicePrimitives, LocalRay
+from ..surfaces.turns import Turns, after_turn, goes_on
 from ..types import Types
 from .volumes import Volume, VolumeRay
 
@@ -64,7 +68,12 @@ def ranges(firsts: np.ndarray) -> np.ndarray:
     return np.stack([firsts[:-1], firsts[1:]], axis=1).astype(np.uint32)
 
 
-def closest(device: DeviceVolumes, ray: LocalRay, best: Candidate, active: Any) -> Candidate:
+def most_turns(volumes: int, primitives: int) -> int:
+    """The most turns that a ray can take, in all."""
+    return -(-volumes // BLOCK) + volumes + primitives
+
+
+def closest(device: DeviceVolumes, ray: LocalRay, best: Candidate, active: Any, turns: Turns) -> Candidate:
     """The closest hit no farther than ``best.t``."""
     ready, volume_ray = device.primitives.prepare(ray), device.volume.prepare(ray, device.types)
 
@@ -76,24 +85,37 @@ def closest(device: DeviceVolumes, ray: LocalRay, best: Candidate, active: Any) 
         notes.i = notes.i + 1
         return notes, best
 
-    def turn(notes: Notes, best: Candidate) -> tuple[Notes, Candidate]:
+    def turn(notes: Notes, left: Any, best: Candidate) -> tuple[Notes, Any, Candidate]:
         notes, best = dr.if_stmt((notes, best), notes.i >= notes.end, pick, lambda *s: s)
-        return dr.if_stmt((notes, best), notes.i < notes.end, test, lambda *s: s)
+        notes, best = dr.if_stmt((notes, best), notes.i < notes.end, test, lambda *s: s)
+        return notes, after_turn(left), best
 
-    def chapter(base: Any, end: Any, best: Candidate) -> tuple[Any, Any, Candidate]:
-        after, notes = _read_chapter(device, volume_ray, base, end, best.t)
+    def chapter(base: Any, end: Any, left: Any, best: Candidate) -> tuple[Any, Any, Any, Candidate]:
+        after, left, notes = _read_chapter(device, volume_ray, base, end, left, best.t)
         best = best.counted(volumes=after - base)
-        _, best = dr.while_loop(
-            (notes, best), lambda notes, _: _unfinished(notes), turn, label="bounding volumes primitives"
+        notes, left, best = dr.while_loop(
+            (notes, left, best),
+            lambda notes, left, _: goes_on(_unfinished(notes), left),
+            turn,
+            label="bounding volumes primitives",
         )
-        return after, end, best
+        turns.note(_unfinished(notes), left)
+        return after, end, left, best
 
     zero = dr.zeros(device.types.UInt, dr.width(best.t))
-    state = (zero, dr.select(active, device.count, 0) + zero, best)
-    return dr.while_loop(state, lambda base, end, _: base < end, chapter, label="bounding volumes closest")[-1]
+    left = turns.left(dr.width(best.t), best.counts is not None)
+    state = (zero, dr.select(active, device.count, 0) + zero, left, best)
+    base, end, left, best = dr.while_loop(
+        state,
+        lambda base, end, left, _: goes_on(base < end, left),
+        chapter,
+        label="bounding volumes closest",
+    )
+    turns.note(base < end, left)
+    return best
 
 
-def anything(device: DeviceVolumes, ray: LocalRay, root: Any, active: Any) -> Any:
+def anything(device: DeviceVolumes, ray: LocalRay, root: Any, active: Any, turns: Turns) -> Any:
     """Bool: whether each ray meets anything between its tmin and tmax."""
     ready, volume_ray = device.primitives.prepare(ray), device.volume.prepare(ray, device.types)
 
@@ -105,46 +127,61 @@ def anything(device: DeviceVolumes, ray: LocalRay, root: Any, active: Any) -> An
         notes.i = notes.i + 1
         return notes, blocked
 
-    def turn(notes: Notes, blocked: Any) -> tuple[Notes, Any]:
+    def turn(notes: Notes, left: Any, blocked: Any) -> tuple[Notes, Any, Any]:
         notes, blocked = dr.if_stmt((notes, blocked), notes.i >= notes.end, pick, lambda *s: s)
-        return dr.if_stmt((notes, blocked), notes.i < notes.end, test, lambda *s: s)
+        notes, blocked = dr.if_stmt((notes, blocked), notes.i < notes.end, test, lambda *s: s)
+        return notes, after_turn(left), blocked
 
-    def chapter(base: Any, end: Any, blocked: Any) -> tuple[Any, Any, Any]:
-        base, notes = _read_chapter(device, volume_ray, base, end, ray.tmax)
-        _, blocked = dr.while_loop(
-            (notes, blocked),
-            lambda notes, blocked: _unfinished(notes) & ~blocked,
+    def chapter(base: Any, end: Any, left: Any, blocked: Any) -> tuple[Any, Any, Any, Any]:
+        base, left, notes = _read_chapter(device, volume_ray, base, end, left, ray.tmax)
+        notes, left, blocked = dr.while_loop(
+            (notes, left, blocked),
+            lambda notes, left, blocked: goes_on(_unfinished(notes) & ~blocked, left),
             turn,
             label="bounding volumes any primitive",
         )
-        return base, dr.select(blocked, 0, end), blocked
+        turns.note(_unfinished(notes) & ~blocked, left)
+        return base, dr.select(blocked, 0, end), left, blocked
 
-    zero = dr.zeros(device.types.UInt, dr.width(root))
-    blocked = dr.full(device.types.Bool, False, dr.width(root))
-    state = (zero, dr.select(active, device.count, 0) + zero, blocked)
-    return dr.while_loop(state, lambda base, end, _: base < end, chapter, label="bounding volumes anything")[-1]
+    width = dr.width(root)
+    zero = dr.zeros(device.types.UInt, width)
+    blocked = dr.full(device.types.Bool, False, width)
+    state = (zero, dr.select(active, device.count, 0) + zero, turns.left(width, False), blocked)
+    base, end, left, blocked = dr.while_loop(
+        state,
+        lambda base, end, left, _: goes_on(base < end, left),
+        chapter,
+        label="bounding volumes anything",
+    )
+    turns.note(base < end, left)
+    return blocked
 
 
-def _read_chapter(device: DeviceVolumes, ray: VolumeRay, base: Any, end: Any, tmax: Any) -> tuple[Any, Notes]:
-    """The first volume after the chapter that begins at ``base``, and notes on the volumes in it that each ray
-    meets."""
+def _read_chapter(
+    device: DeviceVolumes, ray: VolumeRay, base: Any, end: Any, left: Any, tmax: Any
+) -> tuple[Any, Any, Notes]:
+    """The first volume after the chapter that begins at ``base``, the turns left, and notes on the volumes in it that
+    each ray meets."""
     UInt, width = device.types.UInt, dr.width(base)
     stop = base + BLOCK * CHAPTER
     stop = dr.select(stop < end, stop, end)
 
-    def read(base: Any, stop: Any, blocks: Any, size: Any) -> tuple[Any, ...]:
+    def read(base: Any, stop: Any, blocks: Any, size: Any, left: Any) -> tuple[Any, ...]:
         mask = _met(device, ray, base, tmax)
         some = mask != 0
         # Blocks begin at multiples of four, and a block's mask has as many bits.
         blocks.write((base << 2) | mask, size, some)
-        return base + BLOCK, stop, blocks, dr.select(some, size + 1, size)
+        return base + BLOCK, stop, blocks, dr.select(some, size + 1, size), after_turn(left)
 
-    state = (base, stop, dr.alloc_local(UInt, CHAPTER), dr.zeros(UInt, width))
-    base, _, blocks, size = dr.while_loop(
-        state, lambda base, stop, *_: base < stop, read, label="bounding volumes chapter"
+    state = (base, stop, dr.alloc_local(UInt, CHAPTER), dr.zeros(UInt, width), left)
+    base, _, blocks, size, left = dr.while_loop(
+        state,
+        lambda base, stop, blocks, size, left: goes_on(base < stop, left),
+        read,
+        label="bounding volumes chapter",
     )
     zero = dr.zeros(UInt, width)
-    return dr.select(base < end, base, end), Notes(blocks, size, zero, zero + 0, zero + 0, zero + 0)
+    return dr.select(base < end, base, end), left, Notes(blocks, size, zero, zero + 0, zero + 0, zero + 0)
 
 
 def _unfinished(notes: Notes) -> Any:

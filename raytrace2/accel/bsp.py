@@ -18,7 +18,7 @@ from ..surfaces.record import encode_integers
 from ..surfaces.structure import Structure
 from . import kdtree_traversal as traversal
 from .bsp_build import BspTree, build_bsp
-from .kdtree import KdTreeConfig, describe, empty_statistics, present, rules_of, upload
+from .kdtree import KdTreeConfig, describe, empty_statistics, plane_turns, present, rules_of, upload
 from .level_boxes_planes import plane_levels
 
 #: Words of a node: the plane's normal and a point on it (a leaf has its count in the first), its reach and its link.
@@ -60,17 +60,18 @@ class Bsp(Structure):
             self._device, size = upload(parts, words, tree.refs, tree.depth, tree.lo, tree.hi)
             self._statistics = describe(self.kind, tree, is_leaf, len(parts), size, rules)
             self._statistics["tilted_planes"] = _tilted(tree)
+        self.turns = plane_turns(self._statistics, self.types)
         self._statistics["build_seconds"] = time.perf_counter() - begin
 
     def traverse(self, ray: LocalRay, best: Candidate, root: Any, active: Any) -> Candidate:
         if self._device is None:
             return best
-        return traversal.closest(self._device, _meet_plane, ray, best, root, active)
+        return traversal.closest(self._device, _meet_plane, ray, best, root, active, self.turns)
 
     def traverse_any(self, ray: LocalRay, root: Any, active: Any) -> Any:
         if self._device is None:
             return dr.full(self.types.Bool, False, dr.width(root))
-        return traversal.anything(self._device, _meet_plane, ray, root, active)
+        return traversal.anything(self._device, _meet_plane, ray, root, active, self.turns)
 
     def own_levels(self, bounds: tuple[np.ndarray, np.ndarray]) -> Iterator[Level]:
         return iter(()) if self._device is None else plane_levels(bounds, self._device)

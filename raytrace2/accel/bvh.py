@@ -15,6 +15,7 @@ from ..surfaces.levels import Level
 from ..surfaces.primitives import DevicePrimitives, LocalRay
 from ..surfaces.structure import Structure
 from ..surfaces.surface import Surface
+from ..surfaces.turns import Turns
 from . import bvh_traversal, wide_encode, wide_node
 from .binary_tree import BinaryTree, surface_area
 from .builders import BUILDERS
@@ -101,7 +102,9 @@ class Bvh(Structure):
         stack_size = max(8, -(-topology.depth // 8) * 8)
         self._device = bvh_traversal.DeviceTree(self.types, nodes, primitives, stack_size)
         node_count, references = len(topology.references), len(topology.order)
-        children = np.count_nonzero(topology.references != wide_node.NEXT)
+        children = int(np.count_nonzero(topology.references != wide_node.NEXT))
+        empty = topology.references.size - children
+        self.turns = Turns(self.types, self.kind, node_count + references + empty)
         self._statistics |= {
             "primitives": present,
             "references": references,
@@ -157,12 +160,12 @@ class Bvh(Structure):
     def traverse(self, ray: LocalRay, best: Candidate, root: Any, active: Any) -> Candidate:
         if self._device is None:
             return best
-        return bvh_traversal.closest(self._device, ray, best, root + self._root, active)
+        return bvh_traversal.closest(self._device, ray, best, root + self._root, active, self.turns)
 
     def traverse_any(self, ray: LocalRay, root: Any, active: Any) -> Any:
         if self._device is None:
             return dr.full(self.types.Bool, False, dr.width(root))
-        return bvh_traversal.anything(self._device, ray, root + self._root, active)
+        return bvh_traversal.anything(self._device, ray, root + self._root, active, self.turns)
 
     def own_levels(self, bounds: tuple[np.ndarray, np.ndarray]) -> Iterator[Level]:
         if self._device is None or self._topology is None:

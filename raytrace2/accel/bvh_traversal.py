@@ -3,10 +3,15 @@
 A ray holds the child it is at, the *group* of its latest node's children that it has yet to visit (nearest first), and
 a stack of older groups. How nodes are tested is the :class:`Nodes`' business; their tests must be wide enough that no
 hit is culled that a primitive test would have found.
+
+A turn visits a node, tests a primitive of a leaf, or finds that a node has no child in a slot. Every reference stands
+in one slot; a visit goes to one slot and makes the others a group of bits, and each bit is taken out once: whatever the
+tests say, a ray comes to no slot twice, so it takes no more turns than there are nodes, primitives and empty slots.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -14,6 +19,7 @@ import drjit as dr
 
 from ..surfaces.hit import Candidate
 from ..surfaces.primitives import DevicePrimitives, LocalRay
+from ..surfaces.turns import Turns, after_turn, goes_on
 from ..types import Types
 from .child_order import ChildOrder
 from .wide_node import COUNT_MASK, COUNT_SHIFT, DONE, FIRST_MASK, LEAF, NEXT
@@ -76,7 +82,7 @@ class _Walk:
         return _Walk(tree, ready, order, tree.nodes.octant(ready) if order.by_octant else None)
 
 
-def closest(tree: DeviceTree, ray: LocalRay, best: Candidate, root: Any, active: Any) -> Candidate:
+def closest(tree: DeviceTree, ray: LocalRay, best: Candidate, root: Any, active: Any, turns: Turns) -> Candidate:
     """The closest hit below node or leaf ``root``, no farther than ``best.t``."""
     ready = tree.primitives.prepare(ray)
     walk = _Walk.of(tree, ray, ordered=True)
@@ -88,19 +94,18 @@ def closest(tree: DeviceTree, ray: LocalRay, best: Candidate, root: Any, active:
         best = tree.primitives.intersect_one(at & FIRST_MASK, ready, best)
         return _after_primitive(at), best
 
-    def turn(at: Any, group: Any, stack: Any, top: Any, best: Candidate) -> tuple[Any, ...]:
+    def turn(at: Any, group: Any, stack: Any, top: Any, left: Any, best: Candidate) -> tuple[Any, ...]:
         best = best.counted(at < NEXT, nodes=1, volumes=tree.nodes.width) if best.counts is not None else best
         at, group, stack, top = dr.if_stmt((at, group, stack, top, best), at < NEXT, visit, lambda *s: s[:4])
         at, best = dr.if_stmt((at, best), (at & LEAF) != 0, test, lambda *s: s)
         at, group, stack, top = _next_child(walk, at, group, stack, top)
-        return at, group, stack, top, best
+        return at, group, stack, top, after_turn(left), best
 
-    state = (*_start(tree, root, active), best)
-    labels = ("at", "group", "stack", "top", "best")
-    return dr.while_loop(state, lambda at, *_: at != DONE, turn, labels=labels, label="bvh closest")[-1]
+    state = (*_start(tree, root, active), turns.left(dr.width(root), best.counts is not None), best)
+    return _loop(state, turn, turns, "bvh closest")
 
 
-def anything(tree: DeviceTree, ray: LocalRay, root: Any, active: Any) -> Any:
+def anything(tree: DeviceTree, ray: LocalRay, root: Any, active: Any, turns: Turns) -> Any:
     """Bool: whether each ray meets anything below ``root`` between its tmin and tmax."""
     ready = tree.primitives.prepare(ray)
     walk = _Walk.of(tree, ray, ordered=False)
@@ -112,15 +117,25 @@ def anything(tree: DeviceTree, ray: LocalRay, root: Any, active: Any) -> Any:
         hit = tree.primitives.occludes_one(at & FIRST_MASK, ready)
         return dr.select(hit, DONE, _after_primitive(at)), blocked | hit
 
-    def turn(at: Any, group: Any, stack: Any, top: Any, blocked: Any) -> tuple[Any, ...]:
+    def turn(at: Any, group: Any, stack: Any, top: Any, left: Any, blocked: Any) -> tuple[Any, ...]:
         at, group, stack, top = dr.if_stmt((at, group, stack, top, blocked), at < NEXT, visit, lambda *s: s[:4])
         at, blocked = dr.if_stmt((at, blocked), (at & LEAF) != 0, test, lambda *s: s)
         at, group, stack, top = _next_child(walk, at, group, stack, top)
-        return at, group, stack, top, blocked
+        return at, group, stack, top, after_turn(left), blocked
 
-    state = (*_start(tree, root, active), dr.full(tree.types.Bool, False, dr.width(root)))
-    labels = ("at", "group", "stack", "top", "blocked")
-    return dr.while_loop(state, lambda at, *_: at != DONE, turn, labels=labels, label="bvh anything")[-1]
+    width = dr.width(root)
+    state = (*_start(tree, root, active), turns.left(width, False), dr.full(tree.types.Bool, False, width))
+    return _loop(state, turn, turns, "bvh anything")
+
+
+def _loop(state: tuple[Any, ...], turn: Callable[..., tuple[Any, ...]], turns: Turns, label: str) -> Any:
+    """Turn after turn, until every ray is done; what was found."""
+    labels = ("at", "group", "stack", "top", "left", "found")
+    at, _, _, _, left, found = dr.while_loop(
+        state, lambda at, group, stack, top, left, found: goes_on(at != DONE, left), turn, labels=labels, label=label
+    )
+    turns.note(at != DONE, left)
+    return found
 
 
 def _start(tree: DeviceTree, root: Any, active: Any) -> tuple[Any, ...]:

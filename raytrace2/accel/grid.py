@@ -15,6 +15,7 @@ from ..surfaces.hit import Candidate
 from ..surfaces.levels import Level
 from ..surfaces.primitives import LocalRay
 from ..surfaces.structure import Structure
+from ..surfaces.turns import Turns
 from . import grid_walk
 from .grid_build import Rule, build_grids
 from .level_boxes_grid import grid_levels
@@ -57,18 +58,19 @@ class GridStructure(Structure):
         found: dict[str, Any] = dict.fromkeys(keys, 0)
         if parts is not None and len(parts):
             self._grids, found = build_grids(parts, rule)
+            self.turns = Turns(self.types, self.kind, grid_walk.most_turns(self._grids))
         seconds = time.perf_counter() - begin
         self._statistics = {"kind": self.kind, **found, "build_seconds": seconds}
 
     def traverse(self, ray: LocalRay, best: Candidate, root: Any, active: Any) -> Candidate:
         if self._grids is None:
             return best
-        return grid_walk.closest(self._grids, ray, best, active)
+        return grid_walk.closest(self._grids, ray, best, active, self.turns)
 
     def traverse_any(self, ray: LocalRay, root: Any, active: Any) -> Any:
         if self._grids is None:
             return dr.full(self.types.Bool, False, dr.width(root))
-        return grid_walk.anything(self._grids, ray, dr.width((root, active)), active)
+        return grid_walk.anything(self._grids, ray, dr.width((root, active)), active, self.turns)
 
     def own_levels(self, bounds: tuple[np.ndarray, np.ndarray]) -> Iterator[Level]:
         return iter(()) if self._grids is None else grid_levels(bounds, self._grids)

@@ -3,8 +3,14 @@
 From cell to cell as in Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing" (Eurographics 1987),
 across the wall that is met first; in empty space several cells at once. A ray stops when its hit lies before the wall:
 every primitive whose hit lies there has been listed in a cell that it came through (:mod:`.grid_frame` says why
-rounding does not matter). Every step moves on along an axis and none moves back, so a walk takes no more steps than a
-grid has layers.
+rounding does not matter).
+
+A turn is a step, and may test the first entry of a list as well, or tests another entry. Every step moves on along an
+axis and none moves back: times that a ray crosses walls at are numbers, as only rays of a finite reach walk from wall
+to wall, and places are clamped to lie ahead. So a walk takes no more steps than a grid has layers, which is two more
+than its cells at most, and one to enter; a beam (:mod:`.grid_beam`) no more than cells and layers, and one to leave.
+A cell's list and the grid in it are met no more often than the cell. In all there are no more turns than entries, twice
+the cells and thrice the grids (:func:`most_turns`).
 """
 
 from __future__ import annotations
@@ -18,10 +24,12 @@ import drjit as dr
 from ..surfaces.hit import Candidate
 from ..surfaces.ordered import greater, lesser
 from ..surfaces.primitives import DevicePrimitives, LocalRay
+from ..surfaces.turns import Turns, after_turn, goes_on
 from ..types import Types
 from .grid_beam import first_slice, next_cell
 from .grid_cells import FULL, INNER, LAST, NUMBER
 from .grid_frame import ERROR, Frame, WalkRay, frame_of, unpack_place, walk_ray
+from .grid_lattice import WORDS
 from .grid_overlap import PLANE_ERROR
 
 #: States of a ray that is not at an entry of a list: on its way to the next cell, on entering a grid, finished.
@@ -68,17 +76,22 @@ class _Walk:
         return frame_of(self.ray, self.grids.lattices, grid, self.grids.types) if self.grids.nested else self.root
 
 
-def closest(grids: DeviceGrids, ray: LocalRay, best: Candidate, active: Any) -> Candidate:
+def most_turns(grids: DeviceGrids) -> int:
+    """The most turns that a ray's walk can take."""
+    return dr.width(grids.lists) + 2 * dr.width(grids.words) + 3 * (dr.width(grids.lattices) // WORDS)
+
+
+def closest(grids: DeviceGrids, ray: LocalRay, best: Candidate, active: Any, turns: Turns) -> Candidate:
     """The closest hit no farther than ``best.t``."""
     ready = grids.primitives.prepare(ray)
 
     def test(i: Any, at: Any, best: Candidate) -> tuple[Any, Candidate]:
         return at, grids.primitives.intersect_one(i, ready, best)
 
-    return _walk(grids, ray, active, best, test, lambda best: best.t, "grid closest")
+    return _walk(grids, ray, active, best, test, lambda best: best.t, turns, "grid closest")
 
 
-def anything(grids: DeviceGrids, ray: LocalRay, width: int, active: Any) -> Any:
+def anything(grids: DeviceGrids, ray: LocalRay, width: int, active: Any, turns: Turns) -> Any:
     """Bool: whether each ray meets anything between its tmin and tmax."""
     ready = grids.primitives.prepare(ray)
 
@@ -87,7 +100,7 @@ def anything(grids: DeviceGrids, ray: LocalRay, width: int, active: Any) -> Any:
         return dr.select(hit, DONE, at), blocked | hit
 
     start = dr.full(grids.types.Bool, False, width)
-    return _walk(grids, ray, active, start, test, lambda _: ray.tmax, "grid anything")
+    return _walk(grids, ray, active, start, test, lambda _: ray.tmax, turns, "grid anything")
 
 
 def _walk(
@@ -97,6 +110,7 @@ def _walk(
     found: Any,
     test: Callable[[Any, Any, Any], tuple[Any, Any]],
     farthest: Callable[[Any], Any],
+    turns: Turns,
     label: str,
 ) -> Any:
     """The loop. ``found`` is carried along; ``test(i, at, found)`` meets primitive i; beyond ``farthest(found)`` no
@@ -125,7 +139,7 @@ def _walk(
         after = dr.select((entry & LAST) != 0, after_list, at + 1)
         return test(entry & ~types.UInt(LAST), after, found)
 
-    def turn(at: Any, place: list[Any], clear: Any, inner: tuple[Any, ...], found: Any) -> tuple[Any, ...]:
+    def turn(at: Any, place: list[Any], clear: Any, inner: tuple[Any, ...], left: Any, found: Any) -> tuple[Any, ...]:
         state = (at, place, clear, inner, found)
         walks = (at == STEP) | (at == READ)
         if isinstance(found, Candidate) and found.counts is not None:
@@ -133,11 +147,18 @@ def _walk(
             state = (at, place, clear, inner, found)
         at, place, clear, inner = dr.if_stmt(state, walks, step, lambda *s: s[:4])
         at, found = dr.if_stmt((at, found), at < STEP, meet, lambda *s: s)
-        return at, place, clear, inner, found
+        return at, place, clear, inner, after_turn(left), found
 
-    state = (at, place, zero + 0, inner, found)
-    labels = ("at", "place", "clear", "inner", "found")
-    return dr.while_loop(state, lambda at, *_: at != DONE, turn, labels=labels, label=label)[-1]
+    left = turns.left(dr.width(zero), isinstance(found, Candidate) and found.counts is not None)
+    at, _, _, _, left, found = dr.while_loop(
+        (at, place, zero + 0, inner, left, found),
+        lambda at, place, clear, inner, left, found: goes_on(at != DONE, left),
+        turn,
+        labels=("at", "place", "clear", "inner", "left", "found"),
+        label=label,
+    )
+    turns.note(at != DONE, left)
+    return found
 
 
 def _start(grids: DeviceGrids, ray: LocalRay, farthest: Any) -> tuple[_Walk, Any, Any]:

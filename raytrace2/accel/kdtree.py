@@ -19,6 +19,8 @@ from ..surfaces.levels import Level
 from ..surfaces.primitives import LocalRay, Primitives
 from ..surfaces.record import encode_integers
 from ..surfaces.structure import Structure
+from ..surfaces.turns import Turns
+from ..types import Types
 from . import kdtree_traversal as traversal
 from .kdtree_build import BuildRules, KdTree, build_kdtree
 from .level_boxes_planes import plane_levels
@@ -74,17 +76,18 @@ class KdTreeStructure(Structure):
             words[:, 3] = encode_integers(link, self.types)
             self._device, size = upload(parts, words, tree.refs, tree.depth, tree.lo, tree.hi)
             self._statistics = describe(self.kind, tree, tree.axis == 3, len(parts), size, rules)
+        self.turns = plane_turns(self._statistics, self.types)
         self._statistics["build_seconds"] = time.perf_counter() - begin
 
     def traverse(self, ray: LocalRay, best: Candidate, root: Any, active: Any) -> Candidate:
         if self._device is None:
             return best
-        return traversal.closest(self._device, traversal.meet_axis_plane, ray, best, root, active)
+        return traversal.closest(self._device, traversal.meet_axis_plane, ray, best, root, active, self.turns)
 
     def traverse_any(self, ray: LocalRay, root: Any, active: Any) -> Any:
         if self._device is None:
             return dr.full(self.types.Bool, False, dr.width(root))
-        return traversal.anything(self._device, traversal.meet_axis_plane, ray, root, active)
+        return traversal.anything(self._device, traversal.meet_axis_plane, ray, root, active, self.turns)
 
     def own_levels(self, bounds: tuple[np.ndarray, np.ndarray]) -> Iterator[Level]:
         return iter(()) if self._device is None else plane_levels(bounds, self._device)
@@ -146,6 +149,11 @@ def upload(
         [dr.opaque(types.Float, float(x)) for x in hi],
     )
     return device, words.nbytes + 4 * len(refs) + len(order) * parts.records[:1].nbytes
+
+
+def plane_turns(statistics: dict[str, Any], types: Types) -> Turns:
+    """The bound of :mod:`.kdtree_traversal` for a tree with these ``statistics``."""
+    return Turns(types, statistics["kind"], statistics["nodes"] + statistics["references"])
 
 
 def describe(

@@ -9,6 +9,10 @@ the margin bounds how far.
 A primitive that is listed in several cells may be tested several times, which changes nothing: of two equal hits the
 first stays. Remembering the last one tested (mailboxing) saves no turn of the loop, for a turn costs the same whether
 one ray of sixteen tests or all do; hits count wherever they lie, so that a primitive met is rarely met again.
+
+A turn visits a node, tests a reference of a leaf, or throws away the cell on top of the stack. Of two children one is
+gone to and one may be put on the stack, from where it is taken once: whatever the tests say, a ray comes to no node
+twice, so it takes no more turns than there are nodes and references.
 """
 
 from __future__ import annotations
@@ -23,6 +27,7 @@ from ..surfaces.hit import Candidate
 from ..surfaces.ordered import greater, lesser
 from ..surfaces.primitives import DevicePrimitives, LocalRay
 from ..surfaces.record import decode_integer
+from ..surfaces.turns import Turns, after_turn, goes_on
 from ..types import Types
 
 #: In units of the round-off, what the rounding of a primitive's test, of the distance to a plane and of the clamping of
@@ -77,7 +82,9 @@ class Slopes:
 Meet = Callable[[list[Any], Any, Slopes], tuple[Any, Any, Any]]
 
 
-def closest(tree: PlaneTree, meet: Meet, ray: LocalRay, best: Candidate, root: Any, active: Any) -> Candidate:
+def closest(
+    tree: PlaneTree, meet: Meet, ray: LocalRay, best: Candidate, root: Any, active: Any, turns: Turns
+) -> Candidate:
     """The closest hit of each active ray no farther than ``best.t``."""
     ready = tree.primitives.prepare(ray)
     slopes = _slopes(tree, ray)
@@ -89,20 +96,21 @@ def closest(tree: PlaneTree, meet: Meet, ray: LocalRay, best: Candidate, root: A
         which = dr.gather(tree.types.UInt, tree.references, i)
         return i + 1, tree.primitives.intersect_one(which, ready, best)
 
-    def turn(at: Any, i: Any, end: Any, t0: Any, t1: Any, stack: Any, size: Any, best: Candidate) -> tuple[Any, ...]:
+    def turn(
+        at: Any, i: Any, end: Any, t0: Any, t1: Any, stack: Any, size: Any, left: Any, best: Candidate
+    ) -> tuple[Any, ...]:
         best = best.counted(at < NEXT, nodes=1) if best.counts is not None else best
         state = (at, i, end, t0, t1, stack, size)
         at, i, end, t0, t1, stack, size = dr.if_stmt(state, at < NEXT, visit, lambda *s: s)
         i, best = dr.if_stmt((i, best), i < end, test, lambda *s: s)
         at, t0, t1, size = _next_cell(tree, at, i, end, t0, t1, stack, size, best.t)
-        return at, i, end, t0, t1, stack, size, best
+        return at, i, end, t0, t1, stack, size, after_turn(left), best
 
-    state = (*_start(tree, slopes, best.t, root, active), best)
-    labels = ("at", "i", "end", "t0", "t1", "stack", "size", "best")
-    return dr.while_loop(state, lambda at, *_: at != DONE, turn, labels=labels, label="planes closest")[-1]
+    left = turns.left(dr.width(root), best.counts is not None)
+    return _loop((*_start(tree, slopes, best.t, root, active), left, best), turn, turns, "planes closest")
 
 
-def anything(tree: PlaneTree, meet: Meet, ray: LocalRay, root: Any, active: Any) -> Any:
+def anything(tree: PlaneTree, meet: Meet, ray: LocalRay, root: Any, active: Any, turns: Turns) -> Any:
     """Bool: whether each active ray meets anything between its tmin and tmax."""
     ready = tree.primitives.prepare(ray)
     slopes = _slopes(tree, ray)
@@ -114,17 +122,34 @@ def anything(tree: PlaneTree, meet: Meet, ray: LocalRay, root: Any, active: Any)
         which = dr.gather(tree.types.UInt, tree.references, i)
         return i + 1, blocked | tree.primitives.occludes_one(which, ready)
 
-    def turn(at: Any, i: Any, end: Any, t0: Any, t1: Any, stack: Any, size: Any, blocked: Any) -> tuple[Any, ...]:
+    def turn(
+        at: Any, i: Any, end: Any, t0: Any, t1: Any, stack: Any, size: Any, left: Any, blocked: Any
+    ) -> tuple[Any, ...]:
         state = (at, i, end, t0, t1, stack, size)
         at, i, end, t0, t1, stack, size = dr.if_stmt(state, at < NEXT, visit, lambda *s: s)
         i, blocked = dr.if_stmt((i, blocked), i < end, test, lambda *s: s)
         at, t0, t1, size = _next_cell(tree, at, i, end, t0, t1, stack, size, ray.tmax)
-        return dr.select(blocked, DONE, at), i, end, t0, t1, stack, size, blocked
+        return dr.select(blocked, DONE, at), i, end, t0, t1, stack, size, after_turn(left), blocked
 
-    tmax = ray.tmax + dr.zeros(tree.types.Float, dr.width(root))
-    state = (*_start(tree, slopes, tmax, root, active), dr.full(tree.types.Bool, False, dr.width(root)))
-    labels = ("at", "i", "end", "t0", "t1", "stack", "size", "blocked")
-    return dr.while_loop(state, lambda at, *_: at != DONE, turn, labels=labels, label="planes anything")[-1]
+    width = dr.width(root)
+    tmax = ray.tmax + dr.zeros(tree.types.Float, width)
+    blocked = dr.full(tree.types.Bool, False, width)
+    state = (*_start(tree, slopes, tmax, root, active), turns.left(width, False), blocked)
+    return _loop(state, turn, turns, "planes anything")
+
+
+def _loop(state: tuple[Any, ...], turn: Callable[..., tuple[Any, ...]], turns: Turns, label: str) -> Any:
+    """Turn after turn, until every ray is done; what was found."""
+    labels = ("at", "i", "end", "t0", "t1", "stack", "size", "left", "found")
+    at, *_, left, found = dr.while_loop(
+        state,
+        lambda at, i, end, t0, t1, stack, size, left, found: goes_on(at != DONE, left),
+        turn,
+        labels=labels,
+        label=label,
+    )
+    turns.note(at != DONE, left)
+    return found
 
 
 def meet_axis_plane(words: list[Any], link: Any, slopes: Slopes) -> tuple[Any, Any, Any]:

@@ -22,6 +22,7 @@ class MovedGeometry(Geometry):
         self.exponent = before.exponent
         self.surfaces = list(items)
         self.instances = []
+        self.nested = []
         self.first_ids = before.first_ids
         self.primitive_count = before.primitive_count
 

@@ -50,7 +50,7 @@ class Geometry:
         self.primitive_count = 0
         self.exponent = 0
         self._parts: list[Primitives] = []
-        self._nested: list[Structure] = []
+        self.nested: list[Structure] = []
         offsets: dict[int, tuple[int, int]] = {}
         pending: list[tuple[Instance | Structure, int]] = []
         for item in items:
@@ -69,9 +69,9 @@ class Geometry:
                 raise TypeError(f"a {structure.types.precision} structure cannot be part of a {types.precision} one")
             if id(structure) not in offsets:
                 offsets[id(structure)] = self._add(structure.geometry.surfaces), len(self.instances)
-                self._nested.append(structure)
+                self.nested.append(structure)
                 self.instances.extend(structure.geometry.instances)
-            place = self._nested.index(structure)
+            place = self.nested.index(structure)
             offset, first_instance = offsets[id(structure)]
             if isinstance(item, Instance):
                 entrances.append(item.placed(types, id_offset=offset, number=number, place=place))
@@ -80,7 +80,7 @@ class Geometry:
         if entrances:
             joined = Primitives.join([Primitives(types, e.records, e.lo, e.hi, e.kinds) for e in entrances])
             self._parts.append(
-                Primitives(types, joined.records, joined.lo, joined.hi, joined.kinds, tuple(self._nested))
+                Primitives(types, joined.records, joined.lo, joined.hi, joined.kinds, tuple(self.nested))
             )
         self.exponent = exponent_of(*self.bounds()) if exponent is None else exponent
         self._parts = [replace(scaled(part, self.exponent), intersection=intersection) for part in self._parts]

@@ -17,6 +17,7 @@ from .levels import Level, is_box, levels_inside, root_level
 from .primitives import LocalRay, Primitives
 from .record import NONE
 from .surface import Surface
+from .turns import Turns
 from .units import into_units
 
 if TYPE_CHECKING:
@@ -25,7 +26,8 @@ if TYPE_CHECKING:
 
 
 class Structure(Surface):
-    """A Surface over the surfaces of a :class:`Geometry`. Subclasses give ``traverse`` and ``traverse_any``."""
+    """A Surface over the surfaces of a :class:`Geometry`. Subclasses give ``traverse`` and ``traverse_any``, and the
+    ``turns`` that rays can take in them."""
 
     kind: str = ""
 
@@ -34,6 +36,7 @@ class Structure(Surface):
         self.types: Types = geometry.types
         self.exponent = geometry.exponent
         self.name = self.kind
+        self.turns = Turns(self.types, self.kind, 0)
 
     def prepare(self) -> None:
         """Makes every buffer that queries read, so that the first query may stand inside a symbolic loop."""
@@ -90,12 +93,16 @@ class Structure(Surface):
         return self._closest(ray, active, counting=False)[0]
 
     def count(self, ray: Any, active: Any = True) -> tuple[Hit, Counts]:
-        """The closest hits together with what finding them cost each ray."""
+        """The closest hits together with what finding them cost each ray.
+
+        Loops are watched: :meth:`check_turns` tells of any that a ray did not come to the end of.
+        """
         hit, counts = self._closest(ray, active, counting=True)
         assert counts is not None
         return hit, counts
 
     def _closest(self, ray: Any, active: Any, *, counting: bool) -> tuple[Hit, Counts | None]:
+        self.check_turns()
         ray = self._checked(ray)
         active = checked_mask(active, self.types, _width(ray, True))
         types, width = self.types, _width(ray, active)
@@ -114,12 +121,23 @@ class Structure(Surface):
         return Hit(t, prim, types.Array2f(found.u, found.v), surface, instance), found.counts
 
     def occluded(self, ray: Any, active: Any = True) -> Any:
+        self.check_turns()
         ray = self._checked(ray)
         active = checked_mask(active, self.types, _width(ray, True))
         with dr.suspend_grad():
             local, _ = into_units(ray, self._farthest(ray), self.exponent)
             root = dr.zeros(self.types.UInt, _width(ray, active))
             return self.traverse_any(local, root, _can_hit(ray, local) & active)
+
+    def check_turns(self) -> None:
+        """:class:`~raytrace2.RayTraceError` if a ray of an earlier query used up the turns that its traversal can take.
+
+        Queries are watched that count, or are made while ``dr.JitFlag.Debug`` is set, and the next query checks by
+        itself; inside symbolic loops no query can.
+        """
+        self.turns.check()
+        for inner in self.geometry.nested:
+            inner.check_turns()
 
     def interact(self, ray: Any, hit: Hit) -> SurfaceInteraction:
         ray = self._checked(ray)
