@@ -15,7 +15,8 @@ class Footprint:
     down.
 
     ``dxx``, ``dxy``, ``dyy`` (Array2f): how ``dx`` and ``dy`` change themselves, or None where only the first order is
-    known. ``random`` (Array2f) in [0, 1)^2 is there for filters that sample.
+    known. ``random`` (Array2f) in [0, 1)^2 is there for filters that sample. ``flags`` (UInt) tell where and why the
+    footprint is not what derivatives say, as :mod:`~raytrace2.rays.differentials.trust` has it.
     """
 
     dx: Any
@@ -24,6 +25,7 @@ class Footprint:
     dxy: Any = None
     dyy: Any = None
     random: Any = None
+    flags: Any = 0
 
     def __post_init__(self) -> None:
         self._looked_up: dict[Any, Any] = {}
@@ -47,4 +49,4 @@ class Footprint:
     def mapped(self, linear: Any) -> Footprint:
         """The same under a linear map of uv: ``linear(v)`` is the image of a vector ``v``."""
         dxx, dxy, dyy = (None if v is None else linear(v) for v in (self.dxx, self.dxy, self.dyy))
-        return Footprint(linear(self.dx), linear(self.dy), dxx, dxy, dyy, self.random)
+        return Footprint(linear(self.dx), linear(self.dy), dxx, dxy, dyy, self.random, self.flags)

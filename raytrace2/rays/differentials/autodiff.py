@@ -8,16 +8,22 @@ and whatever else the map holds, without a line for any of them.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
 
-from ..footprint import Footprint
 from ..ray import Ray
+from .lobes import Lobe
 from .state import Meeting, RayDifferential
 from .tangents import Tangents
-from .widening import widened
+from .trust import Trust, trusted_footprint, trusted_ray
+
+
+@dataclass
+class _Memory:
+    tangents: Tangents
+    trust: Trust
 
 
 class Autodiff:
@@ -30,33 +36,38 @@ class Autodiff:
 
     def start(self, camera: Any, position: Any, aperture: Any) -> tuple[Ray, RayDifferential]:
         """The ray through a place on the film, and how it moves with that."""
-        Vector = type(position)
-        x, y = self._step
-        tangents = Tangents((position,), [(Vector(x, 0),), (Vector(0, y),)])
-        ray = camera.sample_ray(tangents.inputs[0], aperture)
+        ray, tangents = moving_ray(camera, position, aperture, self._step)
         (o_dx, d_dx), (o_dy, d_dy) = tangents.of((ray.o, ray.d))
-        return dr.detach(ray), RayDifferential(o_dx, d_dx, o_dy, d_dy)
+        return dr.detach(ray), RayDifferential.full(ray.o, o_dx, d_dx, o_dy, d_dy)
 
     def meet(self, structure: Any, ray: Ray, state: RayDifferential, hit: Any) -> Meeting:
         """The interaction, with the footprint there."""
         tangents = Tangents((ray.o, ray.d), state.directions())
         o, d = tangents.inputs
         scatter = structure.interact(Ray.of(o, d, ray.tmin, ray.tmax), hit)
-        (dx,), (dy,) = tangents.of((scatter.uv,))
+        cos = scatter.wi.z
+        (dx, cos_dx), (dy, cos_dy) = tangents.of((scatter.uv, cos))
         si = dr.detach(scatter)
-        si.footprint = Footprint(dr.select(si.valid, dx, 0), dr.select(si.valid, dy, 0))
+        si.footprint, trust = trusted_footprint(structure, si, ray, state, si.wi.z, (cos_dx, cos_dy), dx, dy)
         # Look-ups are not part of the ray's map, so what they read does not move.
         scatter = replace(scatter, uv=si.uv, prim_uv=si.prim_uv, footprint=si.footprint)
-        return Meeting(si, scatter, tangents)
+        return Meeting(si, scatter, _Memory(tangents, trust))
 
     def leave(self, meeting: Meeting, sample: Any, ray: Ray, state: RayDifferential) -> RayDifferential:
         """The differentials of ``ray``, which goes on from the meeting's ``scatter`` as ``sample`` says."""
-        (o_dx, d_dx), (o_dy, d_dy) = meeting.memory.of((ray.o, ray.d))
-        wide_x, wide_y = widened(dr.detach(ray.d), dr.detach(sample.pdf), self._spacing)
-        o_dx, d_dx, o_dy, d_dy = (_finite(v) for v in (o_dx, d_dx, o_dy, d_dy))
-        delta = dr.detach(sample.delta)
-        return RayDifferential(o_dx, dr.select(delta, d_dx, wide_x), o_dy, dr.select(delta, d_dy, wide_y))
+        lobe = Lobe.of(meeting.si, sample)
+        # Not wo.z itself: the direction is computed from it, and forward mode empties what is on its way.
+        cos = -sample.wo.z
+        moving = (ray.o, ray.d) if lobe.ratio is None else (ray.o, ray.d, cos)
+        (o_dx, d_dx, *cos_dx), (o_dy, d_dy, *cos_dy) = meeting.memory.tangents.of(moving)
+        moved = RayDifferential(o_dx, d_dx, o_dy, d_dy, state.flags)
+        changes = (cos_dx[0], cos_dy[0]) if cos_dx else (None, None)
+        return trusted_ray(meeting.memory.trust, lobe, sample, dr.detach(cos), changes, moved, ray, self._spacing)
 
 
-def _finite(v: Any) -> Any:
-    return dr.select(dr.all(dr.isfinite(v)), v, 0)
+def moving_ray(camera: Any, position: Any, aperture: Any, step: tuple[Any, Any]) -> tuple[Ray, Tangents]:
+    """The camera's ray through ``position``, computed so that its derivatives by ``step`` to the right and down can be
+    asked for."""
+    Vector = type(position)
+    tangents = Tangents((position,), [(Vector(step[0], 0),), (Vector(0, step[1]),)])
+    return camera.sample_ray(tangents.inputs[0], aperture), tangents

@@ -7,7 +7,12 @@ from typing import Any, Protocol
 
 from ...errors import SettingError
 from ..ray import Ray
+from .analytic import Analytic
 from .autodiff import Autodiff
+from .autodiff2 import Autodiff2
+from .cone import Cone
+from .distance import Distance
+from .finite import Finite
 from .none import NO_DIFFERENTIALS
 from .state import Meeting
 
@@ -30,7 +35,12 @@ class Differentials(Protocol):
 
 DIFFERENTIALS: dict[str, Callable[[tuple[Any, Any], float], Differentials]] = {
     "none": lambda step, spacing: NO_DIFFERENTIALS,
+    "distance": Distance,
+    "cone": Cone,
+    "finite": Finite,
+    "analytic": Analytic,
     "autodiff": Autodiff,
+    "autodiff2": Autodiff2,
 }
 
 

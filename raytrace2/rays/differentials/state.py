@@ -5,17 +5,28 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+import drjit as dr
+
 from ...surfaces.interaction import SurfaceInteraction
 
 
 @dataclass
 class RayDifferential:
-    """The derivatives (Array3f) of a ray's origin and direction towards the next sample to the right and down."""
+    """The derivatives (Array3f) of a ray's origin and direction towards the next sample to the right and down, and the
+    ``flags`` (UInt) of :mod:`.trust` that were met on the way."""
 
     o_dx: Any
     d_dx: Any
     o_dy: Any
     d_dy: Any
+    flags: Any
+
+    @staticmethod
+    def full(o: Any, o_dx: Any, d_dx: Any, o_dy: Any, d_dy: Any) -> RayDifferential:
+        """A camera's, as wide as its rays' origins ``o``: a loop's state needs that."""
+        none = dr.zeros(dr.uint32_array_t(type(o.x)), dr.width(o))
+        zero = dr.zeros(type(o), dr.width(o))
+        return RayDifferential(o_dx + zero, d_dx + zero, o_dy + zero, d_dy + zero, none)
 
     def directions(self) -> list[tuple[Any, Any]]:
         """(origin, direction) moved to the right, and down."""

@@ -34,4 +34,7 @@ class Tangents:
                 # The edges stay, for the next direction and for what is yet to be computed.
                 dr.forward_to(moving, flags=dr.ADFlag.ClearInterior)
             found.append(tuple(dr.grad(v) if dr.grad_enabled(v) else type(v)(0) for v in values))
+            if moving:
+                # Further values may be computed from these, and would find what is left in them.
+                dr.clear_grad(moving)
         return found
