@@ -149,6 +149,7 @@ def render_detailed(
         image = film.develop()
         dr.eval(image)
         dr.sync_thread()
+        traced.structure.check_turns()
         bad = film.non_finite_samples()
         if bad:
             message = f"{bad} samples were NaN or infinite and were left out of the image"

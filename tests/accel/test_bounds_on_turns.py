@@ -6,6 +6,7 @@ import drjit as dr
 import numpy as np
 import pytest
 
+import raytrace2 as rt
 from raytrace2 import accel
 from raytrace2.errors import RayTraceError
 from raytrace2.rays.ray import Ray
@@ -195,3 +196,25 @@ def test_what_nobody_watches_costs_nothing() -> None:
             structure.occluded(ray)
         assert states
         assert all(any(part is None for part in state) for state in states)
+
+
+def test_renders_tell_of_rays_that_were_stopped() -> None:
+    film = {"type": "hdrfilm", "width": 8, "height": 8}
+    scene = rt.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": "path"},
+            "camera": {"type": "perspective", "film": film},
+            "light": {"type": "constant"},
+            "ball": {"type": "sphere", "center": [0, 0, 4]},
+        }
+    )
+    structure = scene.traced().structure
+    most = structure.turns.most
+    shorten(structure, 0)
+    with dr.scoped_set_flag(dr.JitFlag.Debug, True):
+        with pytest.raises(RayTraceError, match="bvh: a ray took more than 0 turns"):
+            rt.render(scene)
+        shorten(structure, most)
+        watched = np.array(rt.render(scene))
+    np.testing.assert_array_equal(watched, rt.render(scene))
