@@ -17,12 +17,13 @@ from typing import Any
 import numpy as np
 
 from ..errors import Location, Problem, SceneError
+from .dict_check import DICT_SOURCE, check_dict
 from .mitsuba_messages import problem_from_message
 from .nodes import Color, DistortedTransform, LiveObject, Node, ParsedScene, SpectrumSamples, Value
-from .xml_text import MAX_DEPTH, SETTING_PREFIX, check_depth, settings_in
+from .xml_check import check_xml, decode
+from .xml_text import SETTING_PREFIX, settings_in
 
 STRING_SOURCE = "<string>"
-DICT_SOURCE = "<dict>"
 
 _TAGS = {"reconstructionfilter": "rfilter", "phasefunction": "phase"}
 
@@ -35,13 +36,14 @@ def mitsuba_types() -> tuple[Any, Any]:
 def parse_file(path: str, parameters: dict[str, Any]) -> ParsedScene:
     """Parses the XML file ``path`` with ``$name`` filled in from ``parameters``; ``SceneError`` if it cannot."""
     file = Path(path)
-    if not file.is_file():
+    if not _is_file(file):
         raise SceneError([Problem("scene file not found", Location(str(path)), "check the path")])
-    check_depth(_read(file), str(path))
+    text = _read(file)
     mi, _ = mitsuba_types()
     own, plain = _split_settings(parameters)
 
-    def run(config: Any) -> Any:
+    def run(config: Any, resolver: Any) -> Any:
+        check_xml(text, str(path), plain, resolver)
         return mi.parser.parse_file(config, str(path), **plain)
 
     return _parse(run, str(path), folder=file.parent, own_settings=own, text=None)
@@ -49,11 +51,15 @@ def parse_file(path: str, parameters: dict[str, Any]) -> ParsedScene:
 
 def parse_string(xml: str, parameters: dict[str, Any]) -> ParsedScene:
     """Parses XML text; otherwise as :func:`parse_file`. Relative paths start at Mitsuba's working folder."""
-    check_depth(xml, STRING_SOURCE)
+    try:
+        decode(xml.encode(), STRING_SOURCE)
+    except UnicodeEncodeError:
+        raise SceneError([Problem("is no text: it has half a character", Location(STRING_SOURCE))]) from None
     mi, _ = mitsuba_types()
     own, plain = _split_settings(parameters)
 
-    def run(config: Any) -> Any:
+    def run(config: Any, resolver: Any) -> Any:
+        check_xml(xml, STRING_SOURCE, plain, resolver)
         return mi.parser.parse_string(config, xml, **plain)
 
     return _parse(run, STRING_SOURCE, folder=None, own_settings=own, text=xml)
@@ -61,19 +67,19 @@ def parse_string(xml: str, parameters: dict[str, Any]) -> ParsedScene:
 
 def parse_dict(scene: dict[str, Any], settings: dict[str, str] | None = None) -> ParsedScene:
     """Parses a dict as ``mi.load_dict`` takes it. Locations name the path of keys to the entry."""
-    _check_dict(scene, "", 0)
+    check_dict(scene)
     mi, _ = mitsuba_types()
     if scene.get("type") != "scene":
         raise SceneError([Problem("the dict is not a scene", Location(DICT_SOURCE), "it needs 'type': 'scene'")])
 
-    def run(config: Any) -> Any:
+    def run(config: Any, _: Any) -> Any:
         return mi.parser.parse_dict(config, scene)
 
     return _parse(run, DICT_SOURCE, folder=None, own_settings=dict(settings or {}), text=None)
 
 
 def _parse(
-    run: Callable[[Any], Any], source: str, *, folder: Path | None, own_settings: dict[str, str], text: str | None
+    run: Callable[[Any, Any], Any], source: str, *, folder: Path | None, own_settings: dict[str, str], text: str | None
 ) -> ParsedScene:
     mi, _ = mitsuba_types()
     config = mi.parser.ParserConfig("scalar_rgb")
@@ -81,7 +87,8 @@ def _parse(
     config.merge_equivalent = False
     with file_resolver(folder) as resolver:
         try:
-            state = run(config)
+            # The check moves its copy's search path along as it meets <path>, as the parser will move the other.
+            state = run(config, mi.FileResolver(resolver))
             mi.parser.transform_upgrade(config, state)
         except SceneError:
             raise
@@ -121,24 +128,21 @@ def file_resolver(folder: Path | None) -> Iterator[Any]:
 
 def _read(path: Path) -> str:
     try:
-        return path.read_bytes().decode("utf-8", "replace")
+        return decode(path.read_bytes(), str(path))
     except OSError as error:
         raise SceneError([Problem(f"cannot be read: {error.strerror}", Location(str(path)))]) from None
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # a name that is too long, or with a null character
+        return False
 
 
 def _split_settings(parameters: dict[str, Any]) -> tuple[dict[str, str], dict[str, Any]]:
     own = {k[len(SETTING_PREFIX) :]: str(v) for k, v in parameters.items() if k.startswith(SETTING_PREFIX)}
     return own, {k: v for k, v in parameters.items() if not k.startswith(SETTING_PREFIX)}
-
-
-def _check_dict(node: dict[str, Any], path: str, depth: int) -> None:
-    """Refuses what would make Mitsuba's recursive dict parser overflow its stack, such as a dict inside itself."""
-    if depth > MAX_DEPTH:
-        message = f"dicts are nested more than {MAX_DEPTH} deep, or a dict contains itself"
-        raise SceneError([Problem(message, Location(DICT_SOURCE), "give the inner object an id and refer to it")])
-    for key, value in node.items():
-        if isinstance(value, dict):
-            _check_dict(value, f"{path}.{key}" if path else str(key), depth + 1)
 
 
 # --- Mitsuba's nodes as ours ----------------------------------------------------------------------------------------

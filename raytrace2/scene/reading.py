@@ -13,6 +13,7 @@ import numpy as np
 from ..errors import FileError, Problem
 from .defaults import DEFAULTS
 from .nodes import DistortedTransform, Node, Value
+from .xml_check import is_url
 
 T = TypeVar("T")
 
@@ -52,8 +53,15 @@ class Reading:
 
     def file(self, node: Node, name: str) -> str | None:
         """The path of the file that ``node`` calls ``name``, or None (and a problem) if there is none."""
-        path = self.resolve(name)
-        if not name or not Path(path).is_file():
+        if is_url(name):
+            self.refuse(node, f"'{name}' is an address, not a file", "download it and name the file")
+            return None
+        try:
+            path = self.resolve(name)
+            found = bool(name) and Path(path).is_file()
+        except (OSError, ValueError):  # a name that is too long, or no text
+            found = False
+        if not found:
             self.refuse(node, f"file '{name}' not found", "check the path, or name its folder with <path value=.../>")
             return None
         return path

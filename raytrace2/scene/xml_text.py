@@ -1,33 +1,16 @@
-"""What has to be known of the XML text itself: that it is not nested absurdly deep, and the settings it has for us."""
+"""What has to be known of the XML text itself: the settings it has for us, and how deep it may nest."""
 
 from __future__ import annotations
 
 import html
 import re
 
-from ..errors import Location, Problem, SceneError
-
 MAX_DEPTH = 100
 SETTING_PREFIX = "raytrace2."
 
 _SKIPPED = re.compile(r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>", re.DOTALL)
-_TAG = re.compile(r"""<(?P<close>/?)[A-Za-z_][^\s<>/"']*(?P<rest>(?:[^<>"']|"[^"]*"|'[^']*')*)>""")
 _DEFAULT = re.compile(r"""<default\b(?P<rest>(?:[^<>"']|"[^"]*"|'[^']*')*)>""")
 _ATTRIBUTE = re.compile(r"""([A-Za-z_][\w.-]*)\s*=\s*("[^"]*"|'[^']*')""")
-
-
-def check_depth(text: str, source: str) -> None:
-    """``SceneError`` when elements nest deeper than 100: Mitsuba's parser recurses and would overflow its stack."""
-    depth = 0
-    for match in _TAG.finditer(_SKIPPED.sub(_blank, text)):
-        if match["close"]:
-            depth -= 1
-        elif not match["rest"].endswith("/"):
-            depth += 1
-            if depth > MAX_DEPTH:
-                line = text.count("\n", 0, match.start()) + 1
-                message = f"elements are nested more than {MAX_DEPTH} deep"
-                raise SceneError([Problem(message, Location(source, line), "flatten the scene")])
 
 
 def settings_in(text: str) -> dict[str, str]:

@@ -38,7 +38,7 @@ def checked_mask(active: Any, types: Types, width: int) -> Any:
 
 
 def checked_hit(hit: Any, width: int) -> Hit:
-    """``hit``, whose fields all have one entry or one for each of ``width`` rays; else ``TypeError``, ``ValueError``."""
+    """``hit``, whose fields all have one entry or one a ray; else ``TypeError`` or ``ValueError``."""
     fields = ("t", "prim", "uv", "surface", "instance")
     if isinstance(hit, type) or not all(hasattr(hit, name) for name in fields):
         raise TypeError(f"a Hit is needed, as intersect() returns it, not {shown(hit)}")
