@@ -22,6 +22,7 @@ COMMANDS = {
     "compare": "our image of a scene beside Mitsuba's, as figures and as a web page",
     "demo": "the room of Igehy's paper, rendered and compared",
     "accel": "structures drawn over the image of a scene, and what their rays cost",
+    "stability": "what goes wrong at the extremes, counted for every structure beside Mitsuba and Embree",
     "bench": "rays per second beside Mitsuba and Embree, on the same rays in the same process",
     "doctor": "what this machine has, and whether a ray can be traced with it",
 }

@@ -40,7 +40,7 @@ LAYERS = (
     ("load", "provenance", "notebook", "structure_pictures"),
     ("reference",),
     ("compare",),
-    ("tradeoff",),
+    ("tradeoff", "stability"),
     ("mitsuba_plugins", "distributed"),
     ("__init__",),
     ("doctor",),

@@ -1,0 +1,115 @@
+"""Measures every row of the scoreboard for everyone who takes part, keeping what is done as records in a folder."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from ..errors import SettingError
+from ..files import write_atomically
+from ..reference.mitsuba_scene import mitsuba_variant
+from ..reference.stability_rays import Mitsuba
+from . import trade
+from .figures import FIGURES
+from .sweep import Counts, Record
+from .tracers import Ours, Tracer
+
+PRECISIONS = ("float32", "float64")
+
+#: By figure and precision: what was found of each who took part.
+Found = dict[tuple[str, str], dict[str, Record]]
+
+
+def run(
+    kinds: Sequence[str],
+    counts: Counts,
+    folder: Path,
+    only: Sequence[str] = (),
+    progress: Callable[[Found, dict[str, Record]], None] = lambda _, __: None,
+) -> tuple[Found, dict[str, Record]]:
+    """Every figure (or those whose key contains any of ``only``) in both precisions, and the trade of each kind.
+
+    Each is written to ``folder``/records as soon as it is there; what is there of this code, machine and ``counts`` is
+    not measured again. ``progress`` is called after each with all that is found so far. ``SettingError`` if ``only``
+    names nothing.
+    """
+    from tqdm import tqdm
+
+    chosen = [f for f in FIGURES if not only or any(word in f.key for word in only)]
+    with_trade = not only or any(word in "trade" for word in only)
+    if not chosen and not with_trade:
+        raise SettingError(f"no figure is called so; there are {', '.join(f.key for f in FIGURES)}, trade")
+    settings: Record = {"code": code_digest(), "machine": platform.node(), "counts": asdict(counts)}
+    records = folder / "records"
+    records.mkdir(parents=True, exist_ok=True)
+    found: Found = {}
+    traded: dict[str, Record] = {}
+    steps = len(chosen) * len(PRECISIONS) + with_trade * len(kinds)
+    with mitsuba_variant("llvm_ad_rgb") as mi, tqdm(total=steps, unit="row", disable=None) as bar:
+        for figure in chosen:
+            for precision in PRECISIONS:
+                bar.set_description(f"{figure.key} {precision}")
+                ours: list[Tracer] = [Ours(kind, precision) for kind in kinds]
+                theirs: list[Tracer] = []
+                if figure.others and precision == "float32":
+                    theirs = [Mitsuba(mi, False), Mitsuba(mi, True)]
+                wanted = settings | {"tracers": [t.name for t in ours + theirs]}
+                file = records / f"{figure.key}.{precision}.json"
+                measure = partial(figure.measure, [*ours, *theirs], precision, counts)
+                found[figure.key, precision] = _kept(file, wanted, measure)
+                bar.update()
+                progress(found, traded)
+        for kind in kinds if with_trade else ():
+            bar.set_description(f"trade {kind}")
+            file = records / f"trade.{kind.replace(':', '.')}.json"
+            traded |= _kept(file, settings, partial(trade.measure, [kind], counts))
+            bar.update()
+            progress(found, traded)
+    return found, traded
+
+
+def broken_files(folder: Path) -> dict[str, Any] | None:
+    """What a study of broken files left in ``folder``/records/broken_files.json: texts under "Embree default" (which
+    stands for Mitsuba) and "ours"; None if there is none."""
+    return _read(folder / "records" / "broken_files.json")
+
+
+def code_digest() -> str:
+    """Changes with every line that these figures depend on."""
+    root = Path(__file__).parent.parent
+    files = [f for part in ("accel", "surfaces", "stability") for f in (root / part).rglob("*.py")]
+    files += [root / "rays/ray.py", root / "reference/stability_rays.py", root / "buffers.py", root / "types.py"]
+    # How results are shown is no part of them.
+    shown = {root / "stability" / name for name in ("table.py", "picture.py", "scoreboard.py")}
+    digest = hashlib.sha256()
+    for file in sorted(set(files) - shown):
+        digest.update(str(file.relative_to(root)).encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _kept(file: Path, settings: Record, measure: Callable[[], dict[str, Record]]) -> dict[str, Record]:
+    stored = _read(file)
+    if stored is None or stored.get("settings") != settings:
+        stored = {"settings": settings, "found": measure()}
+        write_atomically(file, (json.dumps(stored, indent=1, default=_plain) + "\n").encode())
+        stored = _read(file) or stored
+    result: dict[str, Record] = stored["found"]
+    return result
+
+
+def _plain(value: Any) -> Any:
+    return value.item()
+
+
+def _read(file: Path) -> Any:
+    """What was written there; None if there is no such file or it is damaged."""
+    try:
+        return json.loads(file.read_text())
+    except (OSError, ValueError):
+        return None

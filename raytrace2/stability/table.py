@@ -1,0 +1,149 @@
+"""The scoreboard as Markdown: in short, by structure, the trade, and the times of extreme cases."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from .figures import FIGURES, figure
+from .scoreboard import Found
+from .sweep import Counts, Record, disagree
+from .trade import WAYS
+
+OTHERS = ("Embree default", "Embree robust")
+
+
+def markdown(found: Found, traded: dict[str, Record], counts: Counts, broken: dict[str, Any] | None = None) -> str:
+    """All tables, in sections; ``broken`` fills the row of broken files."""
+    text = f"# Numerical stability\n\n## Scoreboard\n\n{_about(counts)}\n\n{scoreboard(found, broken)}\n"
+    for precision in ("float32", "float64"):
+        table = by_structure(found, precision)
+        if table:
+            text += f"## By structure, {precision}\n\nIn brackets: million rays per second, and the rays if fewer than "
+            text += f"the others'.\n\n{table}\n"
+    if traded:
+        text += f"## The trade\n\n{trade_table(traded)}\n"
+    times = {p: found["times", p] for p in ("float32", "float64") if ("times", p) in found}
+    if times:
+        text += "## Extreme cases\n\nTime of a ray over that of a benign ray in a benign scene of as many triangles "
+        text += f"(in brackets: the same of the time of the build).\n\n{time_table(times)}"
+    return text
+
+
+def _about(c: Counts) -> str:
+    return (
+        f"Closed meshes of {20 * 4**c.levels:,} faces; {c.aimed:,} rays at vertices and edges, {c.random:,} random, "
+        f"{c.other:,} of other kinds; a structure that needs more than {c.longest:g} s for a figure gets fewer. Leaks "
+        f"are settled in exact arithmetic. 'ours' is the worst of all structures; 'agree': all structures give the "
+        f"same bits of t, primitive and barycentrics on the rays that they share."
+    )
+
+
+def scoreboard(found: Found, broken: dict[str, Any] | None = None) -> str:
+    """One row a figure: Mitsuba with Embree, default and robust, and the worst of our structures."""
+    rows = []
+    for f in FIGURES:
+        narrow, wide = found.get((f.key, "float32"), {}), found.get((f.key, "float64"), {})
+        if not narrow and not wide:
+            continue
+        cells = [f.title, *(_value(f.key, narrow[n], True) if n in narrow else "" for n in OTHERS)]
+        agree = []
+        for precision, records in (("float32", narrow), ("float64", wide)):
+            ours = _ours(records)
+            worst = max(ours.values(), key=lambda r: _size(r["value"]), default=None)
+            cells.append("" if worst is None else _marked(f.key, worst, precision))
+            if all("few" in r for r in ours.values()) and f.key != "gaps":
+                agree += disagree(ours)
+        cells += [f.wanted, "no: " + ", ".join(sorted(set(agree))) if agree else "yes"]
+        rows.append(cells)
+    said = broken or {}
+    rows.append(
+        ["broken files: process kills", said.get("Embree default", "—"), "", said.get("ours", "—"), "", "0", ""]
+    )
+    head = ["figure", *OTHERS, "ours, float32", "ours, float64", "wanted", "agree"]
+    return _table(head, rows)
+
+
+def by_structure(found: Found, precision: str) -> str:
+    """One row a figure, one column a structure."""
+    kept = [(f, found[f.key, precision]) for f in FIGURES if (f.key, precision) in found]
+    if not kept:
+        return ""
+    names = list(dict.fromkeys(n for _, records in kept for n in records))
+    rows = []
+    for f, records in kept:
+        most = max(r["rays"] for r in records.values())
+        cells = [f.title]
+        for name in names:
+            record = records.get(name)
+            if record is None:
+                cells.append("")
+                continue
+            fewer = "" if record["rays"] == most else f", {record['rays']:,} rays"
+            cells.append(f"{_value(f.key, record)} ({record['rate'] / 1e6:.2g}{fewer})")
+        rows.append(cells)
+    return _table(["figure", *names], rows)
+
+
+def trade_table(traded: dict[str, Record]) -> str:
+    """What each safety costs in rays per second, and what goes wrong without it."""
+    head = ["structure", "precision", "watertight, Mrays/s", "fast / watertight", "float64 / float32", "leaks at "]
+    head = [*head[:5], "vertex leaks: watertight", "fast", "edge leaks: watertight", "fast", "rays"]
+    rows = []
+    for kind in dict.fromkeys(key.split()[0] for key in traded):
+        for precision in ("float32", "float64"):
+            safe, fast = (traded[" ".join((kind, precision, i))] for i in ("watertight", "fast"))
+            narrow = traded[" ".join((kind, "float32", "watertight"))]
+            rows.append([
+                kind, precision, f"{safe['rate'] / 1e6:.2g}", f"{fast['rate'] / safe['rate']:.2f}",
+                f"{safe['rate'] / narrow['rate']:.2f}", f"{safe['vertex']:,}", f"{fast['vertex']:,}",
+                f"{safe['edge']:,}", f"{fast['edge']:,}", f"{safe['rays']:,}",
+            ])  # fmt: skip
+    assert len(WAYS) == 4
+    return _table(head, rows)
+
+
+def time_table(times: dict[str, dict[str, Record]]) -> str:
+    """One row an extreme case, one column a structure and precision."""
+    columns = [(p, n) for p, records in times.items() for n in records]
+    cases = list(dict.fromkeys(c for p, n in columns for c in times[p][n]["cases"]))
+    rows = []
+    for case in cases:
+        cells = [case]
+        for p, n in columns:
+            record = times[p][n]
+            cells.append(f"{record['cases'][case]:.2g} ({record['builds'][case]:.2g})")
+        rows.append(cells)
+    return _table(["case", *(f"{n} {p.removeprefix('float')}" for p, n in columns)], rows)
+
+
+def _ours(records: dict[str, Record]) -> dict[str, Record]:
+    return {n: r for n, r in records.items() if n not in OTHERS}
+
+
+def _marked(key: str, record: Record, precision: str) -> str:
+    text = _value(key, record, True)
+    return text if figure(key).good(_size(record["value"]), precision) else f"**{text}**"
+
+
+def _size(value: float | None) -> float:
+    return math.inf if value is None or math.isnan(value) else value
+
+
+def _value(key: str, record: Record, with_rays: bool = False) -> str:
+    value = record["value"]
+    text = f"{value:,}" if isinstance(value, int) else ("none" if _size(value) == math.inf else f"{value:.2g}")
+    if isinstance(value, int) and with_rays and value:
+        text += f" of {record['rays']:,}"
+    if key == "scales":
+        low, high = record["low"], record["high"]
+        text += "; misses at every scale" if low is None else f"; none missed from 2^{low} to 2^{high}"
+    if "self_hits" in record:
+        text += f"; {record['self_hits']:,} self-hits"
+    return text
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join("| " + " | ".join(str(c) for c in line) + " |\n" for line in lines)
