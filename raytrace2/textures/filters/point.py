@@ -30,6 +30,7 @@ def bilinear(bitmaps: Any, image: Any, uv: Any, footprint: Any = None, settings:
     v10 = bitmaps.texel(image, column1, row0, active)
     v01 = bitmaps.texel(image, column0, row1, active)
     v11 = bitmaps.texel(image, column1, row1, active)
-    v0 = dr.fma(1 - wx, v00, wx * v10)
-    v1 = dr.fma(1 - wx, v01, wx * v11)
-    return dr.fma(1 - wy, v0, wy * v1)
+    # Differences keep constants to the last bit.
+    v0 = dr.fma(wx, v10 - v00, v00)
+    v1 = dr.fma(wx, v11 - v01, v01)
+    return dr.fma(wy, v1 - v0, v0)
