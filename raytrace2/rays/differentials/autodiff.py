@@ -13,6 +13,7 @@ from typing import Any
 
 import drjit as dr
 
+from ...surfaces.frame import Frame
 from ..ray import Ray
 from .lobes import Lobe
 from .state import Meeting, RayDifferential
@@ -44,14 +45,19 @@ class Autodiff:
         """The interaction, with the footprint there."""
         tangents = Tangents((ray.o, ray.d), state.directions())
         o, d = tangents.inputs
-        scatter = structure.interact(Ray.of(o, d, ray.tmin, ray.tmax), hit)
-        cos = scatter.wi.z
-        (dx, cos_dx), (dy, cos_dy) = tangents.of((scatter.uv, cos))
-        si = dr.detach(scatter)
+        moving = structure.interact(Ray.of(o, d, ray.tmin, ray.tmax), hit)
+        (dx, *right), (dy, *down) = tangents.of((moving.uv, moving.p, moving.sh_frame.n))
+        si = dr.detach(moving)
+        steps = (state.d_dx, right[1]), (state.d_dy, down[1])
+        cos_dx, cos_dy = (-dr.dot(d, si.sh_frame.n) - dr.dot(ray.d, n) for d, n in steps)
         si.footprint, trust = trusted_footprint(structure, si, ray, state, si.wi.z, (cos_dx, cos_dy), dx, dy)
-        # Look-ups are not part of the ray's map, so what they read does not move.
-        scatter = replace(scatter, uv=si.uv, prim_uv=si.prim_uv, footprint=si.footprint)
-        return Meeting(si, scatter, _Memory(tangents, trust))
+        # What a surface does with a ray is a map of the ray's direction, the point and the normal: the way by which these
+        # were found need not be gone again.
+        onward = Tangents((ray.d, si.p, si.sh_frame.n), [(state.d_dx, *right), (state.d_dy, *down)])
+        d, p, n = onward.inputs
+        frame = _turning(si.sh_frame, n)
+        scatter = replace(si, p=p, sh_frame=frame, wi=dr.replace_grad(si.wi, frame.to_local(-d)))
+        return Meeting(si, scatter, _Memory(onward, trust))
 
     def leave(self, meeting: Meeting, sample: Any, ray: Ray, state: RayDifferential) -> RayDifferential:
         """The differentials of ``ray``, which goes on from the meeting's ``scatter`` as ``sample`` says."""
@@ -63,6 +69,12 @@ class Autodiff:
         moved = RayDifferential(o_dx, d_dx, o_dy, d_dy, state.flags)
         changes = (cos_dx[0], cos_dy[0]) if cos_dx else (None, None)
         return trusted_ray(meeting.memory.trust, lobe, sample, dr.detach(cos), changes, moved, ray, self._spacing)
+
+
+def _turning(frame: Frame, n: Any) -> Frame:
+    """``frame`` with derivatives that follow those of its normal ``n``, without a twist: what is smooth has no grain."""
+    s, t = (dr.replace_grad(v, v - n * dr.dot(n, v)) for v in (frame.s, frame.t))
+    return Frame(s, t, n)
 
 
 def moving_ray(camera: Any, position: Any, aperture: Any, step: tuple[Any, Any]) -> tuple[Ray, Tangents]:
