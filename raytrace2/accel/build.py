@@ -89,12 +89,13 @@ def build(
     their own.
     """
     name, written = parse_kind(kind)
-    if isinstance(surfaces, Surface):
-        items: list[Surface] = [surfaces]
-    elif isinstance(surfaces, Iterable) and not isinstance(surfaces, str | bytes):
-        items = list(surfaces)
+    given: Any = surfaces
+    if isinstance(given, Surface):
+        items: list[Surface] = [given]
+    elif isinstance(given, Iterable) and not isinstance(given, str | bytes):
+        items = list(given)
     else:
-        raise TypeError(f"build takes a Surface or a list of them, not {type(surfaces).__name__}")
+        raise TypeError(f"build takes a Surface or a list of them, not {type(given).__name__}")
     for item in items:
         if not isinstance(item, Surface):
             raise TypeError(f"build takes Surfaces, not {type(item).__name__}")
