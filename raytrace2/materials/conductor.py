@@ -23,7 +23,7 @@ class Conductor:
     def __init__(self, bsdfs: Sequence[ConductorBsdf], textures: TextureTable) -> None:
         self._types = textures.types
         self._reflectance = TextureParameter([b.specular_reflectance for b in bsdfs], textures)
-        self._perfect = all(_is_perfect(b.eta, b.k) for b in bsdfs)
+        self._perfect = all(is_perfect(b.eta, b.k) for b in bsdfs)
         if not self._perfect:
             self._eta = TextureParameter([b.eta for b in bsdfs], textures)
             self._k = TextureParameter([b.k for b in bsdfs], textures)
@@ -41,7 +41,8 @@ class Conductor:
         return BsdfSample(wo, dr.select(active, weight, 0), pdf, t.Float(1), t.Bool(True), t.Bool(False))
 
 
-def _is_perfect(eta: Texture, k: Texture) -> bool:
+def is_perfect(eta: Texture, k: Texture) -> bool:
+    """Whether a conductor reflects all light, which Fresnel's equations need not say."""
     return (
         isinstance(eta, ConstantTexture)
         and isinstance(k, ConstantTexture)

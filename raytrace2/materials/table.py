@@ -7,7 +7,14 @@ from typing import Any
 
 import drjit as dr
 
-from ..scene.description import Bsdf, ConductorBsdf, DielectricBsdf, DiffuseBsdf, ThinDielectricBsdf
+from ..scene.description import (
+    Bsdf,
+    ConductorBsdf,
+    DielectricBsdf,
+    DiffuseBsdf,
+    RoughConductorBsdf,
+    ThinDielectricBsdf,
+)
 from ..textures import TextureTable
 from ..textures import handle as handles
 from ..types import Types
@@ -15,6 +22,9 @@ from .conductor import Conductor
 from .dielectric import Dielectric
 from .diffuse import Diffuse
 from .mask import Masks, opacities
+from .relief import reliefs
+from .relief_frames import ReliefFrame, ReliefFrames
+from .rough_conductor import RoughConductor
 from .sample import BsdfSample
 from .thin_dielectric import ThinDielectric
 from .twosided import Side, Sides, sides
@@ -24,6 +34,7 @@ _KINDS: dict[type, Any] = {
     ConductorBsdf: Conductor,
     DielectricBsdf: Dielectric,
     ThinDielectricBsdf: ThinDielectric,
+    RoughConductorBsdf: RoughConductor,
 }
 _ORDER = list(_KINDS)
 
@@ -57,13 +68,18 @@ class MaterialTable:
         self.has_refraction = any(isinstance(k, Dielectric) for k in kinds)
         self._all_smooth = all(k.smooth for k in kinds)
         self._masks = Masks(chains, textures) if any(chains) else None
-        if self._masks or any(back is not None for _, back in pairs):
+        maps = [reliefs(b) for b in bsdfs]
+        if self._masks or any(back is not None for _, back in pairs) or any(any(pair) for pair in maps):
             smooth = [any(h is not None and self._leaf(h).smooth for h in pair) for pair in pairs]
             self._sides: Sides | None = Sides(pairs, smooth, self.types)  # type: ignore[arg-type]
             self.indices = tuple(range(len(bsdfs)))
         else:
             self._sides = None
             self.indices = tuple(front for front, _ in pairs)  # type: ignore[misc]
+        self._reliefs: ReliefFrames | None = None
+        if self._sides and any(any(pair) for pair in maps):
+            entries = [m for pair in maps for m in (pair if self._sides.any_two_sided else pair[:1])]
+            self._reliefs = ReliefFrames(entries, textures)
         textures.finish()
 
     @staticmethod
@@ -95,10 +111,17 @@ class MaterialTable:
             solid = sample1 < opacity
             sample1 = sample1 / dr.select(solid, opacity, 1)
             reached = active & solid
+        relief, wi = self._relief(si, material, side, active)
         result: Any = None
         for leaf, chosen, here in self._dispatch(side.leaf, reached):
-            one = leaf.sample(si, side.wi, handles.place_of(side.leaf), sample1, sample2, here)
+            one = leaf.sample(si, wi, handles.place_of(side.leaf), sample1, sample2, here)
             result = one if result is None else _select(chosen, one, result)
+        if relief:
+            wo = relief.to_world(result.wo)
+            passes = relief.passes(result.wo, wo)
+            result.weight = dr.select(passes, result.weight * relief.shadowing(wo), 0)
+            result.pdf = dr.select(passes, result.pdf, 0)
+            result.wo = wo
         result.wo = side.turn(result.wo)
         return self._masks.through(si.wi, opacity, solid, result) if self._masks else result
 
@@ -113,12 +136,17 @@ class MaterialTable:
             return value, pdf
         active = t.Bool(active)
         side = self._meet(material, si.wi, active)
-        wo = side.turn(wo)
+        relief, wi = self._relief(si, material, side, active)
+        outer = side.turn(wo)
+        wo = relief.to_local(outer) if relief else outer
         for leaf, _, here in self._dispatch(side.leaf, active):
             if leaf.smooth:
-                one = leaf.eval_pdf(si, side.wi, wo, handles.place_of(side.leaf), here)
+                one = leaf.eval_pdf(si, wi, wo, handles.place_of(side.leaf), here)
                 value = dr.select(here, one[0], value)
                 pdf = dr.select(here, one[1], pdf)
+        if relief:
+            passes = relief.passes(wo, outer)
+            value, pdf = dr.select(passes, value * relief.shadowing(outer), 0), dr.select(passes, pdf, 0)
         if self._masks:
             opacity = self._masks.opacity(material, si, active)
             return value * opacity, pdf * opacity
@@ -149,6 +177,27 @@ class MaterialTable:
             if leaf.smooth:
                 result = dr.select(here, leaf.albedo(si, handles.place_of(side.leaf), here), result)
         return result
+
+    @property
+    def has_reliefs(self) -> bool:
+        """Whether any material has a bump or normal map."""
+        return self._reliefs is not None
+
+    def shading_normal(self, si: Any, material: Any, active: Any = True) -> Any:
+        """The normal (Array3f, world coordinates) that shading works with: the map's, where there is one."""
+        side = self._meet(material, si.wi, self.types.Bool(active))
+        relief, _ = self._relief(si, material, side, self.types.Bool(active))
+        if relief is None:
+            return si.sh_frame.n
+        n = side.turn(relief.to_world(type(si.wi)(0, 0, 1)))
+        return si.to_world(n if side.flipped is None else dr.select(side.flipped, -n, n))
+
+    def _relief(self, si: Any, material: Any, side: Side, active: Any) -> tuple[ReliefFrame | None, Any]:
+        """The frame of the map on a side (None where no material has one), and ``side.wi`` seen from it."""
+        if self._reliefs is None or self._sides is None:
+            return None, side.wi
+        relief = self._reliefs.at(si, side.wi, self._sides.entry(self.types.UInt(material), side.flipped), active)
+        return relief, relief.to_local(side.wi)
 
     def _meet(self, material: Any, wi: Any, active: Any) -> Side:
         material = self.types.UInt(material)

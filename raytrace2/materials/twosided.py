@@ -10,7 +10,7 @@ import drjit as dr
 import numpy as np
 
 from ..buffers import owned
-from ..scene.description import Bsdf, MaskBsdf, TwoSidedBsdf
+from ..scene.description import Bsdf, BumpMapBsdf, MaskBsdf, NormalMapBsdf, TwoSidedBsdf
 from ..types import Types
 
 _TWO_SIDED, _SMOOTH = 1 << 31, 1 << 30
@@ -20,10 +20,10 @@ _LEAF = _SMOOTH - 1
 def sides(bsdf: Bsdf) -> tuple[Bsdf, Bsdf | None]:
     """The leaf materials on the front and on the back; None for the back where the material has but one description.
 
-    Masks are looked through. Each side of a two-sided material sees only rays from its own front, so that of nested
-    two-sided ones the front remains.
+    Masks, bump and normal maps are looked through. Each side of a two-sided material sees only rays from its own front,
+    so that of nested two-sided ones the front remains.
     """
-    if isinstance(bsdf, MaskBsdf):
+    if isinstance(bsdf, MaskBsdf | BumpMapBsdf | NormalMapBsdf):
         return sides(bsdf.nested)
     if isinstance(bsdf, TwoSidedBsdf):
         return sides(bsdf.front)[0], sides(bsdf.back)[0]
@@ -77,6 +77,17 @@ class Sides:
             type(wi)(wi.x, wi.y, dr.select(flipped, -wi.z, wi.z)),
             flipped,
         )
+
+    def entry(self, material: Any, flipped: Any) -> Any:
+        """The number (UInt) of a side of a material: ``2 material + back`` if any material here is two-sided."""
+        if not self._any:
+            return material
+        return 2 * material + dr.select(flipped, self._types.UInt(1), 0)
+
+    @property
+    def any_two_sided(self) -> bool:
+        """Whether any material is two-sided."""
+        return self._any
 
     def has_smooth(self, material: Any, active: Any) -> Any:
         """Whether either side of ``material`` has a lobe that is not a delta (Bool)."""

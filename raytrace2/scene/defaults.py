@@ -25,6 +25,12 @@ _TABLE: dict[str, dict[str, Any]] = {
     "cylinder": {"p0": (0.0, 0.0, 0.0), "p1": (0.0, 0.0, 1.0), "radius": 1.0, "flip_normals": False},
     "diffuse": {"reflectance": 0.5},
     "conductor": {"material": "none", "eta": 0.0, "k": 1.0, "specular_reflectance": 1.0},
+    "roughconductor": {
+        "material": "none", "eta": 0.0, "k": 1.0, "specular_reflectance": 1.0, "distribution": "beckmann",
+        "alpha": 0.1, "sample_visible": True,
+    },
+    "bumpmap": {"scale": 1.0, "flip_invalid_normals": True, "use_shadowing_function": True},
+    "normalmap": {"flip_invalid_normals": True, "use_shadowing_function": True},
     "dielectric": {
         "int_ior": "bk7", "ext_ior": "air", "specular_reflectance": 1.0, "specular_transmittance": 1.0,
     },

@@ -62,7 +62,24 @@ class MeshAttributeTexture:
     scale: float = 1.0
 
 
-Texture: TypeAlias = ConstantTexture | BitmapTexture | CheckerboardTexture | MeshAttributeTexture
+@dataclass(frozen=True, eq=False)
+class FbmTexture:
+    """Fractional Brownian motion: ``color0`` to ``color1`` by (1 + sum of persistence^k noise(lacunarity^k uv)) / 2.
+
+    ``noise`` is Perlin's gradient noise (one lattice cell a unit of the transformed uv), of ``octaves`` terms; ``seed``
+    shuffles its lattice.
+    """
+
+    color0: RGB = (0.0, 0.0, 0.0)
+    color1: RGB = (1.0, 1.0, 1.0)
+    octaves: int = 8
+    persistence: float = 0.5
+    lacunarity: float = 2.0
+    seed: int = 0
+    to_uv: np.ndarray = field(default_factory=lambda: _identity(3))
+
+
+Texture: TypeAlias = ConstantTexture | BitmapTexture | CheckerboardTexture | MeshAttributeTexture | FbmTexture
 
 # --- materials ------------------------------------------------------------------------------------------------------
 
@@ -76,6 +93,22 @@ class DiffuseBsdf:
 class ConductorBsdf:
     """A smooth conductor with complex index of refraction ``eta + i k`` per channel (0 and 1: a perfect mirror)."""
 
+    eta: Texture = ConstantTexture((0.0, 0.0, 0.0))
+    k: Texture = ConstantTexture((1.0, 1.0, 1.0))
+    specular_reflectance: Texture = ConstantTexture((1.0, 1.0, 1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class RoughConductorBsdf:
+    """Microfacets of a conductor; ``alpha_u`` and ``alpha_v`` are the roughness along the tangent and across it.
+
+    ``sample_visible``: directions are sampled by visible normals, not by all of them.
+    """
+
+    distribution: Literal["beckmann", "ggx"] = "beckmann"
+    alpha_u: Texture = ConstantTexture((0.1, 0.1, 0.1))
+    alpha_v: Texture = ConstantTexture((0.1, 0.1, 0.1))
+    sample_visible: bool = True
     eta: Texture = ConstantTexture((0.0, 0.0, 0.0))
     k: Texture = ConstantTexture((1.0, 1.0, 1.0))
     specular_reflectance: Texture = ConstantTexture((1.0, 1.0, 1.0))
@@ -111,7 +144,43 @@ class MaskBsdf:
     opacity: Texture = ConstantTexture((0.5, 0.5, 0.5))
 
 
-Bsdf: TypeAlias = DiffuseBsdf | ConductorBsdf | DielectricBsdf | ThinDielectricBsdf | TwoSidedBsdf | MaskBsdf
+@dataclass(frozen=True, eq=False)
+class BumpMapBsdf:
+    """``nested`` in the shading frame of a surface displaced by ``texture`` (one channel) times ``scale``.
+
+    ``flip_invalid_normals``: normals that face away from the viewer are turned about the shading normal.
+    ``use_shadowing_function``: light at grazing angles is attenuated (Estevez et al. 2019).
+    """
+
+    nested: Bsdf
+    texture: Texture
+    scale: float = 1.0
+    flip_invalid_normals: bool = True
+    use_shadowing_function: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class NormalMapBsdf:
+    """``nested`` in the shading frame whose normal is ``2 normalmap - 1``, in the frame of the surface; flags as for
+    :class:`BumpMapBsdf`."""
+
+    nested: Bsdf
+    normalmap: Texture
+    flip_invalid_normals: bool = True
+    use_shadowing_function: bool = True
+
+
+Bsdf: TypeAlias = (
+    DiffuseBsdf
+    | ConductorBsdf
+    | RoughConductorBsdf
+    | DielectricBsdf
+    | ThinDielectricBsdf
+    | TwoSidedBsdf
+    | MaskBsdf
+    | BumpMapBsdf
+    | NormalMapBsdf
+)
 
 # --- lights ---------------------------------------------------------------------------------------------------------
 

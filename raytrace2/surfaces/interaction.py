@@ -21,7 +21,8 @@ class SurfaceInteraction:
     coordinates of triangles (weights of vertices 1 and 2); ``wi`` the direction back along the ray *in the shading
     frame*; ``p_error`` a bound on the rounding error of each component of ``p``; ``prim`` UInt index within the
     surface; ``surface`` UInt index of the surface in the scene; ``instance`` UInt index of the instance surface, or
-    0xFFFFFFFF; ``footprint`` the :class:`~raytrace2.rays.footprint.Footprint` of the sample here, where it is known.
+    0xFFFFFFFF; ``footprint`` the :class:`~raytrace2.rays.footprint.Footprint` of the sample here, where it is known;
+    ``moving_uv`` (Array2f) is ``uv`` with derivatives by the ray, for the few that have use for them (None: ``uv``).
     """
 
     valid: Any
@@ -39,6 +40,7 @@ class SurfaceInteraction:
     instance: Any
     p_error: Any = 0.0
     footprint: Any = None
+    moving_uv: Any = None
 
     def to_local(self, v: Any) -> Any:
         """The world vector ``v`` in the shading frame."""

@@ -44,7 +44,7 @@ class TextureTable:
         self, types: Types, attributes: Mapping[int, MeshShape] | None = None, settings: FilterSettings | None = None
     ) -> None:
         self.types = types
-        self._settings = settings
+        self.settings = settings
         self._meshes = dict(attributes or {})
         self._members: dict[int, list[Any]] = {}
         self._children: list[tuple[int, int]] = []
@@ -160,7 +160,7 @@ class TextureTable:
             return Checkerboards(np.array(self._children), [m.to_uv for m in members], self.types)
         if kind in (_VERTEX_ATTRIBUTE, _FACE_ATTRIBUTE):
             return MeshAttributes(members, 3 if kind == _VERTEX_ATTRIBUTE else 1, self._meshes, self.types)
-        return Bitmaps(members, self.types, self._settings)
+        return Bitmaps(members, self.types, self.settings)
 
 
 def _kind(texture: Texture) -> int:

@@ -25,14 +25,14 @@ OTHER = {
     "width": 10, "height": 11, "crop_offset_x": 1, "crop_offset_y": 2, "pixel_format": "luminance",
     "sample_border": True, "file_format": "pfm", "component_format": "float32", "sample_count": 16, "jitter": False,
     "stddev": 0.7, "B": 0.1, "C": 0.2, "lobes": 5, "max_depth": 3, "rr_depth": 7, "hide_emitters": True,
-    "shading_samples": 4, "sampling_weight": 2.0,
+    "shading_samples": 4, "sampling_weight": 2.0, "alpha": 0.5,
 }  # fmt: skip
 # What neither str() nor the parameters of a plugin show; the tests below or Mitsuba's source stand for them
 INVISIBLE = {
     "hide_emitters", "jitter", "strength", "seed", "specular_reflectance", "specular_transmittance", "accel",
     "format", "mis_compensation", "allow_transmission", "shading_samples", "face_normals",
     "flip_normals", "flip_tex_coords", "shape_index", "principal_point_offset_x", "principal_point_offset_y",
-    "filter_type", "wrap_mode",
+    "filter_type", "wrap_mode", "distribution", "sample_visible", "flip_invalid_normals", "use_shadowing_function",
 }  # fmt: skip
 
 
@@ -60,6 +60,8 @@ def build(plugin: str, files=None, **extra):
         "aov": {"aovs": "d:depth"},
         "twosided": {"bsdf": {"type": "diffuse"}},
         "mask": {"bsdf": {"type": "diffuse"}},
+        "bumpmap": {"bsdf": {"type": "diffuse"}, "texture": {"type": "bitmap", "filename": f"{files}/image.exr"}},
+        "normalmap": {"bsdf": {"type": "diffuse"}, "normalmap": {"type": "bitmap", "filename": f"{files}/image.exr"}},
     }.get(plugin, {})
     config = mi.parser.ParserConfig("scalar_rgb")
     state = mi.parser.parse_dict(config, {"type": plugin, **required, **extra})
@@ -98,7 +100,7 @@ PAIRS = [(plugin, name) for plugin, table in DEFAULTS.items() if plugin != "seri
 def test_each_default_is_mitsubas(plugin, name, files):
     value = DEFAULTS[plugin][name]
     value = list(value) if isinstance(value, tuple) else value
-    if name.startswith("specular_") and "dielectric" in plugin:
+    if name.startswith("specular_") and ("dielectric" in plugin or plugin == "roughconductor"):
         assert value == 1.0  # Mitsuba multiplies by nothing where there is none
         return
     context = {"fov_axis": {"fov": 40.0}, "crop_offset_x": CROP, "crop_offset_y": CROP}.get(name, {})

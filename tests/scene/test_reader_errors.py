@@ -108,7 +108,7 @@ def test_all_problems_at_once_in_the_order_of_the_file():
         '<emitter type="sunsky"/>\n<integrator type="volpath"/>\n<sensor type="fisheye"/>'
     )
     assert [line.split(":")[1] for line in lines] == ["2", "4", "5", "6", "7", "8"]
-    assert "roughplastic" in lines[0] and "supported are: conductor, dielectric" in lines[0]
+    assert "roughplastic" in lines[0] and "supported are: bumpmap, conductor, dielectric" in lines[0]
 
 
 def test_unresolved_references_are_all_named():
