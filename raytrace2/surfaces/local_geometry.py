@@ -10,16 +10,24 @@ import drjit as dr
 
 from ..types import types_of
 from . import record
+from .compensated import difference_of_products, point_on_ray, two_sum
 from .frame import coordinate_system
 from .magnitude import powers_of_two, unit
+from .ordered import lesser
+
+#: How far from the edges of its triangle a ray starts, in units of its rounding and of the way off the surface: room
+#: between faces that meet at more than 1 / INSET.
+INSET = 16
 
 
 @dataclass
 class LocalGeometry:
-    """Position and a bound on its rounding error (per component), geometric and shading normal (both of unit length),
-    uv and the derivatives of position by u and v."""
+    """Position; what to add to it for the point that rays leave, and a bound on the error (per component) of that
+    point and of the ray tests there; geometric and shading normal (both of unit length), uv and the derivatives of
+    position by u and v."""
 
     p: Any
+    rest: Any
     error: Any
     n: Any
     sh_n: Any
@@ -29,12 +37,13 @@ class LocalGeometry:
 
     def fields(self) -> tuple[Any, ...]:
         """The fields in order."""
-        return self.p, self.error, self.n, self.sh_n, self.uv, self.dp_du, self.dp_dv
+        return self.p, self.rest, self.error, self.n, self.sh_n, self.uv, self.dp_du, self.dp_dv
 
     def transformed(self, to_world: Any, to_local: Any) -> LocalGeometry:
         """The same under an affine map, given with its inverse."""
         return LocalGeometry(
             to_world.point(self.p),
+            dr.detach(to_world.vector(self.rest)),
             to_world.error(self.p, self.error),
             unit(to_local.transposed(self.n)),
             unit(to_local.transposed(self.sh_n)),
@@ -46,23 +55,31 @@ class LocalGeometry:
 
 @dataclass
 class RayPoint:
-    """A point ``p`` of a ray of direction ``d``, off the surface by the rounding of its t, which ``slack`` bounds."""
+    """A point ``p`` of a ray from ``o`` of direction ``d`` at ``t``, off the surface by the rounding of its t, which
+    ``slack`` bounds."""
 
     p: Any
+    o: Any
     d: Any
+    t: Any
     slack: Any
 
-    def polished(self, to_local: Any, *, round_axis: bool) -> Any:
-        """The point moved along the ray onto the local unit sphere, or the cylinder about z if ``round_axis``."""
-        p, d = to_local.point(dr.detach(self.p)), to_local.vector(dr.detach(self.d))
+    def polished(self, to_world: Any, to_local: Any, *, round_axis: bool) -> Any:
+        """The way from the centre to the point, moved along the ray onto the image of the unit sphere, or of the
+        cylinder about z if ``round_axis``. The centre may be so far off that the world has no digits for it."""
+        d = dr.detach(self.d)
+        center = to_world.translation
+        o, o_lost = zip(*(two_sum(dr.detach(self.o[k]), -center[k]) for k in range(3)), strict=True)
+        arm = type(d)(point_on_ray(o, o_lost, d, dr.detach(self.t))[0])
+        local, along = to_local.vector(arm), to_local.vector(d)
         if round_axis:
-            p.z, d.z = 0, 0
-        a, b, c = dr.squared_norm(d), dr.dot(p, d), dr.squared_norm(p) - 1
+            local.z, along.z = 0, 0
+        a, b, c = dr.squared_norm(along), dr.dot(local, along), dr.squared_norm(local) - 1
         # The root of a t^2 + 2 b t + c that is nearer to zero.
         q = -(b + dr.copysign(dr.sqrt(dr.fmax(b * b - a * c, 0)), b))
         step = dr.select(q != 0, c / dr.select(q != 0, q, 1), 0)
         step = dr.fmax(dr.fmin(step, self.slack), -self.slack)
-        return dr.fma(dr.detach(self.d), step, self.p)
+        return dr.replace_grad(dr.fma(d, step, arm), self.p)
 
 
 def on_triangle(
@@ -80,10 +97,12 @@ def on_triangle(
     ``smooth`` and ``textured`` say which lanes have normals and uv; without uv the parameterisation is barycentric.
     """
     p0, p1, p2 = positions
-    e1, e2 = p1 - p0, p2 - p0
+    (e1, lost_1), (e2, lost_2) = two_sum(p1, -p0), two_sum(p2, -p0)
     per_size = powers_of_two(dr.fmax(abs(e1), abs(e2)))[1]
     unit_1, unit_2 = e1 * per_size, e2 * per_size
-    across = dr.cross(unit_1, unit_2)
+    # To the last digits for slivers too: on which side of a surface a ray leaves is for its normal to say.
+    across = _cross(unit_1, unit_2)
+    across += dr.cross(unit_1, lost_2 * per_size) + dr.cross(lost_1 * per_size, unit_2)
     area = dr.squared_norm(across)
     thick = area > 0
     if dr.grad_enabled(p):
@@ -92,7 +111,7 @@ def on_triangle(
         moving = dr.dot(arm, dr.cross(unit_2, across)), dr.dot(arm, dr.cross(across, unit_1))
         prim_uv = dr.replace_grad(prim_uv, type(prim_uv)(*moving) * inverse_area)
     b1, b2 = prim_uv.x, prim_uv.y
-    p = dr.fma(e1, b1, dr.fma(e2, b2, p0))
+    p, rest = two_sum(p0, dr.fma(e1, b1, dr.fma(e2, b2, lost_1 * b1 + lost_2 * b2)))
     n = across * dr.rsqrt(dr.select(thick, area, 1))
     sh_n = n
     if normals is not None:
@@ -113,18 +132,40 @@ def on_triangle(
         uv = dr.select(textured, dr.fma(d1, b1, dr.fma(d2, b2, uv0)), uv)
         dp_du = dr.select(textured, dr.select(regular, (e1 * d2.y - e2 * d1.y) * inverse, any_u), dp_du)
         dp_dv = dr.select(textured, dr.select(regular, (e2 * d1.x - e1 * d2.x) * inverse, any_v), dp_dv)
-    # What interpolation adds up, and the shear and the edge functions of the test when the next ray meets this again.
-    sizes = abs(p0) + 2 * (abs(e1) + abs(e2))
-    error = dr.fmax(dr.fmax(sizes.x, sizes.y), sizes.z) * (8 * types_of(p).epsilon)
-    return LocalGeometry(p, error, n, sh_n, uv, dp_du, dp_dv)
+    reach = abs(e1) + abs(e2)
+    error = dr.fmax(dr.fmax(reach.x, reach.y), reach.z) * (4 * types_of(p).epsilon)
+    rest += _from_edges(p, error, (unit_1, unit_2), per_size, area, prim_uv, e1, e2)
+    return LocalGeometry(p, dr.detach(rest), error, n, sh_n, uv, dp_du, dp_dv)
+
+
+def _from_edges(
+    p: Any, error: Any, sides: tuple[Any, Any], per_size: Any, area: Any, prim_uv: Any, e1: Any, e2: Any
+) -> Any:
+    """The step from a point of a triangle to where it is farther from every edge than rounding and the way off the
+    surface could move it: else rays from beside an edge would start behind the neighbour. At most to the centroid."""
+    size = abs(p)
+    width = dr.fma(dr.fmax(dr.fmax(size.x, size.y), size.z), types_of(p).epsilon, error) * per_size * INSET
+    # Weights at that distance from each edge: over the heights of the triangle.
+    per_area = width * dr.rsqrt(area)
+    third = 1 / 3
+    m0, m1, m2 = (lesser(dr.norm(e) * per_area, third) for e in (sides[1] - sides[0], sides[1], sides[0]))
+    total = m0 + m1 + m2
+    return e1 * dr.fma(-total, prim_uv.x, m1) + e2 * dr.fma(-total, prim_uv.y, m2)
+
+
+def _cross(a: Any, b: Any) -> Any:
+    return type(a)(
+        difference_of_products(a.y, b.z, a.z, b.y),
+        difference_of_products(a.z, b.x, a.x, b.z),
+        difference_of_products(a.x, b.y, a.y, b.x),
+    )
 
 
 def on_sphere(at: RayPoint, _: Any, to_world: Any, to_local: Any, side: Any) -> LocalGeometry:
     """u is the azimuth over 2 pi, v the angle from the local z axis over pi."""
-    p = at.polished(to_local, round_axis=False)
-    Vector = type(p)
-    local = unit(to_local.point(p))
-    center = Vector(*to_world.translation)
+    met = at.polished(to_world, to_local, round_axis=False)
+    Vector = type(met)
+    local = unit(to_local.vector(met))
     arm = to_world.vector(local)
     n = unit(arm) * side
     axis_2 = dr.fma(local.x, local.x, local.y * local.y)
@@ -136,9 +177,17 @@ def on_sphere(at: RayPoint, _: Any, to_world: Any, to_local: Any, side: Any) -> 
     dp_du = Vector(-local.y, local.x, 0) * dr.two_pi
     cos_phi, sin_phi = local.x / axis, local.y / axis
     dp_dv = dr.select(off_axis, Vector(local.z * cos_phi, local.z * sin_phi, -axis), Vector(1, 0, 0)) * dr.pi
-    uv = _pair(p, u, v)
-    error = to_world.error(local, 0)
-    return LocalGeometry(center + arm, error, n, n, uv, to_world.vector(dp_du), to_world.vector(dp_dv))
+    p, rest = two_sum(Vector(*to_world.translation), arm)
+    return LocalGeometry(
+        p,
+        dr.detach(rest),
+        to_world.spread(local, 4),
+        n,
+        n,
+        _pair(p, u, v),
+        to_world.vector(dp_du),
+        to_world.vector(dp_dv),
+    )
 
 
 def on_rectangle(met: RayPoint, local: Any, to_world: Any, to_local: Any, side: Any) -> LocalGeometry:
@@ -149,8 +198,9 @@ def on_rectangle(met: RayPoint, local: Any, to_world: Any, to_local: Any, side: 
     # Where to_world mirrors, the shading normal is opposite, as in Mitsuba: there a rectangle is a mesh with normals.
     n = unit(dr.cross(dp_du, dp_dv)) * side
     uv = _pair(p, dr.fma(at.x, 0.5, 0.5), dr.fma(at.y, 0.5, 0.5))
-    error = to_world.error(at, 0)
-    return LocalGeometry(to_world.point(at), error, n, _plane_normal(to_local, side, type(p)), uv, dp_du, dp_dv)
+    error = to_world.spread(at)
+    p, rest = _placed(at, to_world)
+    return LocalGeometry(p, rest, error, n, _plane_normal(to_local, side, type(p)), uv, dp_du, dp_dv)
 
 
 def on_disk(met: RayPoint, local: Any, to_world: Any, to_local: Any, side: Any) -> LocalGeometry:
@@ -167,23 +217,30 @@ def on_disk(met: RayPoint, local: Any, to_world: Any, to_local: Any, side: Any) 
     uv = _pair(p, radius_2 * inverse, dr.select(turns < 0, turns + 1, turns))
     dp_du = to_world.vector(Vector(cos_phi, sin_phi, 0))
     dp_dv = to_world.vector(Vector(-at.y, at.x, 0) * dr.two_pi)
-    return LocalGeometry(to_world.point(at), to_world.error(at, 0), n, n, uv, dp_du, dp_dv)
+    p, rest = _placed(at, to_world)
+    return LocalGeometry(p, rest, to_world.spread(at), n, n, uv, dp_du, dp_dv)
 
 
 def on_cylinder(at: RayPoint, _: Any, to_world: Any, to_local: Any, side: Any) -> LocalGeometry:
     """u is the azimuth over 2 pi, v the position along the axis from 0 to 1."""
-    p = at.polished(to_local, round_axis=True)
-    Vector = type(p)
-    local = to_local.point(p)
+    met = at.polished(to_world, to_local, round_axis=True)
+    Vector = type(met)
+    local = to_local.vector(met)
     radius_2 = dr.fma(local.x, local.x, local.y * local.y)
     inverse = dr.rsqrt(dr.select(radius_2 > 0, radius_2, 1))
     local = Vector(local.x * inverse, local.y * inverse, local.z)
     phi = dr.atan2(local.y, local.x)
-    uv = _pair(p, dr.select(phi < 0, phi + dr.two_pi, phi) * dr.inv_two_pi, local.z)
+    uv = _pair(phi, dr.select(phi < 0, phi + dr.two_pi, phi) * dr.inv_two_pi, local.z)
     dp_du = to_world.vector(Vector(-local.y, local.x, 0) * dr.two_pi)
     dp_dv = to_world.vector(Vector(0, 0, 1))
     n = unit(to_local.transposed(Vector(local.x, local.y, 0))) * side
-    return LocalGeometry(to_world.point(local), to_world.error(local, 0), n, n, uv, dp_du, dp_dv)
+    p, rest = _placed(local, to_world)
+    return LocalGeometry(p, rest, to_world.spread(local), n, n, uv, dp_du, dp_dv)
+
+
+def _placed(local: Any, to_world: Any) -> tuple[Any, Any]:
+    p, rest = two_sum(type(local)(*to_world.translation), to_world.vector(local))
+    return p, dr.detach(rest)
 
 
 def _on_plane(p: Any, local: Any, to_local: Any) -> Any:

@@ -48,8 +48,9 @@ class Quadric(Surface):
         return transform_box(self.to_world, np.array(self.LOCAL_BOUNDS[0]), np.array(self.LOCAL_BOUNDS[1]))
 
     def _geometry(self) -> np.ndarray:
-        """The record's geometry words: rows of the world-to-local matrix."""
-        return np.linalg.inv(self.to_world)[:3].ravel()
+        """The record's geometry words: rows of the linear part of the world-to-local map, each with a component of the
+        centre. (The inverse's own translation is rounded to the digits of the distance from the world's origin.)"""
+        return np.column_stack([np.linalg.inv(self.to_world[:3, :3]), self.to_world[:3, 3]]).ravel()
 
 
 @dataclass(frozen=True, eq=False)

@@ -124,7 +124,8 @@ class Shading:
             code = types.UInt(world[13])
             is_quadric = valid & (code != record.TRIANGLE)
             size, per_size = powers_of_two(dr.detach(d))
-            met = RayPoint(p, d * per_size, abs(dr.detach(t)) * size * (8 * types.epsilon))
+            at = dr.detach(t) * size
+            met = RayPoint(p, o, d * per_size, at, abs(at) * (8 * types.epsilon))
             for kind in self.quadric_kinds:
                 found = local_geometry.QUADRICS[kind](met, hit.uv, Rows(world), Rows(local), world[12])
                 kinds.append((is_quadric & (code == kind), found))
@@ -203,6 +204,12 @@ class Rows:
         total = [s + g for s, g in zip(sizes, grown, strict=True)]
         return dr.fmax(dr.fmax(total[0], total[1]), total[2])
 
+    def spread(self, p: Any, units: int = 16) -> Any:
+        """A bound on the rounding error, per component, of the image of ``p`` relative to the centre, of ``units`` of
+        round-off: for the rounded linear part, and for a ray test that works with its inverse."""
+        sizes = [abs(a * p.x) + abs(b * p.y) + abs(c * p.z) for a, b, c, _ in self.rows]
+        return dr.fmax(dr.fmax(sizes[0], sizes[1]), sizes[2]) * (units * types_of(p).epsilon)
+
     @property
     def translation(self) -> list[Any]:
         """The translation part."""
@@ -231,6 +238,7 @@ def _finish(g: LocalGeometry, ray: Any, t: Any, hit: Hit, valid: Any, types: Typ
         surface=hit.surface,
         instance=hit.instance,
         p_error=dr.select(valid, g.error, 0),
+        p_rest=dr.select(valid, g.rest, zero3),
     )
 
 
@@ -243,7 +251,7 @@ def _nothing(types: Types, ray: Any, hit: Hit) -> SurfaceInteraction:
     invalid = dr.full(types.Bool, False, width)
     error = dr.zeros(types.Float, width)
     return SurfaceInteraction(
-        invalid, hit.t, zero3, zero3, frame, zero2, zero3, zero3, zero2, -ray.d, none, none, none, error
+        invalid, hit.t, zero3, zero3, frame, zero2, zero3, zero3, zero2, -ray.d, none, none, none, error, zero3
     )
 
 

@@ -3,7 +3,7 @@
 Vertices are moved to the ray's origin and sheared so that the ray becomes an axis; the triangle is hit when the origin
 lies inside its shadow in the plane across that axis. Each vertex has one shadow, whichever triangle it is met
 from, and an edge function is a difference of two products that is never wrong in its sign, nor in more than its last
-bits (:func:`_cross`). Hence the shadows of a closed mesh cover the plane without a gap, and no ray slips between
+bits (Kahan's algorithm). Hence the shadows of a closed mesh cover the plane without a gap, and no ray slips between
 triangles that share an edge or a vertex; and where a triangle is seen all but edge-on, the weights of its vertices are
 still those of a point on the ray, so that every structure finds it where its box lies. The published test has edge
 functions of nothing but rounding there.
@@ -16,7 +16,7 @@ from typing import Any
 
 import drjit as dr
 
-from .compensated import sum_of, two_product, two_sum
+from .compensated import difference_of_products, sum_of, two_product, two_sum
 from .ordered import greater, lesser
 
 
@@ -65,9 +65,9 @@ def intersect_triangle(words: list[Any], ray: Any, shear: Shear) -> tuple[Any, A
     ax, ay = _shadow(words[0:3], ray.o, shear)
     bx, by = _shadow(words[3:6], ray.o, shear)
     cx, cy = _shadow(words[6:9], ray.o, shear)
-    u = _cross(cx, cy, bx, by)
-    v = _cross(ax, ay, cx, cy)
-    w = _cross(bx, by, ax, ay)
+    u = difference_of_products(cx, by, cy, bx)
+    v = difference_of_products(ax, cy, ay, cx)
+    w = difference_of_products(bx, ay, by, ax)
     determinant = u + v + w
     inside = (lesser(lesser(u, v), w) >= 0) | (greater(greater(u, v), w) <= 0)
     per_area = dr.rcp(determinant)
@@ -125,11 +125,3 @@ def _shadow(vertex: list[Any], o: Any, shear: Shear) -> tuple[Any, Any]:
 
 def _dot(a: list[Any], b: Any) -> Any:
     return dr.fma(a[0], b.x, dr.fma(a[1], b.y, a[2] * b.z))
-
-
-def _cross(ax: Any, ay: Any, bx: Any, by: Any) -> Any:
-    """``ax by - ay bx`` with a relative error of two units of round-off, so with the right sign, and zero only where it
-    is (Jeannerod, Louvet and Muller, "Further analysis of Kahan's algorithm", Math. Comp. 82, 2013)."""
-    product = ay * bx
-    lost = dr.fma(-ay, bx, product)
-    return dr.fma(ax, by, -product) + lost

@@ -46,6 +46,8 @@ def scaled(parts: Primitives, exponent: int) -> Primitives:
     maps = np.isin(kinds, (record.RECTANGLE, record.DISK, record.CYLINDER, record.INSTANCE))
     for row in range(3):
         records[maps, 4 * row : 4 * row + 3] /= factor
+        # Those of an instance end in a translation after the map, the others in a component of their centre.
+        records[maps & (kinds != record.INSTANCE), 4 * row + 3] *= factor
     for place, structure in enumerate(parts.nested):
         inside = (kinds == record.INSTANCE) & (places == place)
         records[inside, : record.GEOMETRY] *= 2.0**-structure.exponent
