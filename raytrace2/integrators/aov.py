@@ -93,6 +93,8 @@ _FIELDS: dict[str, Callable[[SurfaceInteraction], Any]] = {
 def _value(
     kind: str, scene: TracedScene, ray: Ray, si: SurfaceInteraction, offset_rays: tuple[Ray, Ray] | None
 ) -> list[Any]:
+    if kind == "sh_normal" and scene.has_reliefs:
+        return list(scene.materials.shading_normal(si, scene.material(si, si.valid), si.valid))
     if kind in _FIELDS:
         return list(_FIELDS[kind](si))
     if kind == "depth":

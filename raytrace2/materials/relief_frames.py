@@ -12,6 +12,7 @@ import numpy as np
 from ..buffers import owned
 from ..scene.description import BitmapTexture, BumpMapBsdf, NormalMapBsdf
 from ..surfaces.frame import Frame, coordinate_system
+from ..surfaces.interaction import Grain
 from ..textures import TextureTable
 from ..textures.bitmap import Bitmaps
 from .bump import Heights, linear_pixels, tangent_slopes
@@ -96,13 +97,13 @@ class ReliefFrames:
         mapped = self._is(flags, 3, (_BUMP, _NORMAL))
         n, s = t.Array3f(0, 0, 1), t.Array3f(1, 0, 0)
         behind = self._is(flags, _BEHIND, (_BEHIND,))
-        uv = si.uv if si.moving_uv is None else si.moving_uv
+        grain = Grain(si.uv, si.dp_du, si.dp_dv) if si.grain is None else si.grain
         if self._heights is not None:
             here = self._is(flags, 3, (_BUMP,))
-            n, s = self._bumped(si, uv, entry, place, active & here)
+            n, s = self._bumped(si, grain, entry, place, active & here)
         if self._normals is not None:
             here = self._is(flags, 3, (_NORMAL,))
-            found = self._normal_mapped(si, uv, place, active & here)
+            found = self._normal_mapped(si, grain, place, active & here)
             n, s = (dr.select(here, a, b) for a, b in zip(found, (n, s), strict=True)) if self._heights else found
         if any(f & _BEHIND for f in self._flags):
             n = t.Array3f(dr.select(behind, -n.x, n.x), dr.select(behind, -n.y, n.y), n.z)
@@ -118,13 +119,13 @@ class ReliefFrames:
         frame = Frame(s, dr.cross(n, s), n)
         return ReliefFrame(frame, mapped, mapped & self._is(flags, _SHADOW, (_SHADOW,)))
 
-    def _bumped(self, si: Any, uv: Any, entry: Any, place: Any, active: Any) -> tuple[Any, Any]:
+    def _bumped(self, si: Any, grain: Grain, entry: Any, place: Any, active: Any) -> tuple[Any, Any]:
         t = self._types
         assert self._heights is not None
         scale = None if self._unscaled else self._scale(entry, active)
-        gradient = self._heights.gradient(place, uv, active)
+        gradient = self._heights.gradient(place, grain.uv, active)
         gradient = gradient if scale is None else gradient * scale
-        dp_du, dp_dv = si.to_local(si.dp_du), si.to_local(si.dp_dv)
+        dp_du, dp_dv = si.to_local(grain.dp_du), si.to_local(grain.dp_dv)
         along_u, along_v = tangent_slopes(dp_du, dp_dv)
         slope = along_u * gradient.x + along_v * gradient.y
         n = _unit(t.Array3f(-slope.x, -slope.y, 1))
@@ -136,13 +137,14 @@ class ReliefFrames:
         # Mitsuba takes the world's dp_du for one in the shading frame; only anisotropic materials show it.
         return n, si.dp_du
 
-    def _normal_mapped(self, si: Any, uv: Any, place: Any, active: Any) -> tuple[Any, Any]:
+    def _normal_mapped(self, si: Any, grain: Grain, place: Any, active: Any) -> tuple[Any, Any]:
         t = self._types
         assert self._normals is not None
-        n = _unit(self._normals.eval(place, uv, None, active) * 2 - 1)
+        n = _unit(self._normals.eval(place, grain.uv, None, active) * 2 - 1)
         if self._moments is not None and si.footprint is not None:
             n = blended(n, self._moments.normals(place, si, active))
-        return n, t.Array3f(1, 0, 0)
+        s = t.Array3f(1, 0, 0)
+        return (n, s) if si.grain is None else (_twisted(n, si, grain), _twisted(s, si, grain))
 
     def _record(self, entry: Any, active: Any) -> Any:
         t = self._types
@@ -192,6 +194,17 @@ def _unit(n: Any) -> Any:
     length2 = dr.squared_norm(n)
     usable = (length2 > 0) & dr.isfinite(length2)
     return dr.select(usable, n * dr.rsqrt(dr.select(usable, length2, 1)), type(n)(0, 0, 1))
+
+
+def _twisted(v: Any, si: Any, grain: Grain) -> Any:
+    """``v`` with derivatives that follow the direction of ``dp_du`` about the shading normal."""
+    along = si.to_local(grain.dp_du)
+    length2 = along.x * along.x + along.y * along.y
+    regular = length2 > 0
+    inverse = dr.rsqrt(dr.select(regular, length2, 1))
+    cosine, sine = dr.select(regular, along.x * inverse, 1), dr.select(regular, along.y * inverse, 0)
+    turned = type(v)(v.x * cosine - v.y * sine, v.x * sine + v.y * cosine, v.z)
+    return dr.replace_grad(v, turned)
 
 
 def _tan2(v: Any) -> Any:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..buffers import owned
 from ..lights import LightTable
+from ..materials.relief import reliefs
 from ..materials.table import MaterialTable
 from ..surfaces.interaction import SurfaceInteraction
 from ..surfaces.record import NONE
@@ -79,6 +80,11 @@ class TracedScene:
         if len(set(handles)) <= 1:
             return handles[0] if handles else self.materials.indices[0]
         return owned(np.array(handles, dtype=np.uint32), self.types.UInt)
+
+    @functools.cached_property
+    def has_reliefs(self) -> bool:
+        """Whether any surface has a bump or normal map."""
+        return any(any(reliefs(s.bsdf)) for s in self._shapes)
 
     def material(self, si: SurfaceInteraction, active: Any) -> Any:
         """UInt: the material of each surface met; a constant where all surfaces share one."""

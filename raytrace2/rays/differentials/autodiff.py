@@ -14,6 +14,7 @@ from typing import Any
 import drjit as dr
 
 from ...surfaces.frame import Frame
+from ...surfaces.interaction import Grain
 from ..ray import Ray
 from .lobes import Lobe
 from .state import Meeting, RayDifferential
@@ -46,17 +47,20 @@ class Autodiff:
         tangents = Tangents((ray.o, ray.d), state.directions())
         o, d = tangents.inputs
         moving = structure.interact(Ray.of(o, d, ray.tmin, ray.tmax), hit)
-        (dx, *right), (dy, *down) = tangents.of((moving.uv, moving.p, moving.sh_frame.n))
+        what = (moving.uv, moving.p, moving.sh_frame.n, moving.dp_du, moving.dp_dv)
+        (dx, *right), (dy, *down) = tangents.of(what)
         si = dr.detach(moving)
         steps = (state.d_dx, right[1]), (state.d_dy, down[1])
         cos_dx, cos_dy = (-dr.dot(d, si.sh_frame.n) - dr.dot(ray.d, n) for d, n in steps)
         si.footprint, trust = trusted_footprint(structure, si, ray, state, si.wi.z, (cos_dx, cos_dy), dx, dy)
-        # What a surface does with a ray is a map of the ray's direction, the point and the normal: the way by which these
-        # were found need not be gone again.
-        onward = Tangents((ray.d, si.p, si.sh_frame.n), [(state.d_dx, *right), (state.d_dy, *down)])
-        d, p, n = onward.inputs
+        # What a surface does with a ray is a map of the ray's direction, the point, the normal and, where a texture
+        # bends that, of the grain: the way by which these were found need not be gone again.
+        turns = [(state.d_dx, *right, si.footprint.dx), (state.d_dy, *down, si.footprint.dy)]
+        onward = Tangents((ray.d, si.p, si.sh_frame.n, si.dp_du, si.dp_dv, si.uv), turns)
+        d, p, n, dp_du, dp_dv, uv = onward.inputs
         frame = _turning(si.sh_frame, n)
         scatter = replace(si, p=p, sh_frame=frame, wi=dr.replace_grad(si.wi, frame.to_local(-d)))
+        scatter.grain = Grain(uv, dp_du, dp_dv)
         return Meeting(si, scatter, _Memory(onward, trust))
 
     def leave(self, meeting: Meeting, sample: Any, ray: Ray, state: RayDifferential) -> RayDifferential:
@@ -72,7 +76,7 @@ class Autodiff:
 
 
 def _turning(frame: Frame, n: Any) -> Frame:
-    """``frame`` with derivatives that follow those of its normal ``n``, without a twist: what is smooth has no grain."""
+    """``frame`` with derivatives that follow those of its normal ``n``, without a twist: few have a grain."""
     s, t = (dr.replace_grad(v, v - n * dr.dot(n, v)) for v in (frame.s, frame.t))
     return Frame(s, t, n)
 
