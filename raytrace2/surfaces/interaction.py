@@ -9,6 +9,7 @@ import drjit as dr
 
 from ..rays.ray import Ray
 from ..types import types_of
+from .compensated import next_toward, two_sum
 from .frame import Frame
 
 
@@ -28,7 +29,9 @@ class SurfaceInteraction:
     Fields (one lane a ray): ``valid`` Bool; ``t`` Float (inf on a miss); ``p`` Array3f; ``n`` the geometric normal;
     ``sh_frame`` the shading frame; ``uv`` Array2f; ``dp_du``, ``dp_dv`` Array3f; ``prim_uv`` Array2f barycentric
     coordinates of triangles (weights of vertices 1 and 2); ``wi`` the direction back along the ray *in the shading
-    frame*; ``p_error`` a bound on the rounding error of each component of ``p``; ``prim`` UInt index within the
+    frame*; ``p_rest`` what to add to ``p`` for the point that rays leave: what rounding took from it, and
+    a step away from the edges of a triangle of a few times that; ``p_error`` a bound on the error of each component of
+    ``p + p_rest`` and of ray tests there; ``prim`` UInt index within the
     surface; ``surface`` UInt index of the surface in the scene; ``instance`` UInt index of the instance surface, or
     0xFFFFFFFF; ``footprint`` the :class:`~raytrace2.rays.footprint.Footprint` of the sample here, where it is known;
     ``grain`` what normals that a texture bends move with, where rays are differentiated (None: nothing moves).
@@ -48,6 +51,7 @@ class SurfaceInteraction:
     surface: Any
     instance: Any
     p_error: Any = 0.0
+    p_rest: Any = 0.0
     footprint: Any = None
     grain: Grain | None = None
 
@@ -79,7 +83,12 @@ class SurfaceInteraction:
         return Ray.of(o, d * dr.rcp(dr.select(apart, distance, 1)), 0.0, dr.select(apart, distance * short, -1))
 
     def _moved_off(self, d: Any) -> Any:
-        n = abs(self.n)
-        margin = self.p_error * (n.x + n.y + n.z)
-        distance = dr.detach(dr.mulsign(margin, dr.dot(self.n, d)))
-        return dr.fma(dr.detach(self.n), distance, self.p)
+        n, p = dr.detach(self.n), dr.detach(self.p)
+        size = abs(n)
+        margin = self.p_error * (size.x + size.y + size.z)
+        n = n * dr.mulsign(type(margin)(1), dr.dot(n, dr.detach(d)))
+        o, lost = two_sum(p, dr.detach(dr.fma(n, margin, self.p_rest)))
+        # The origin is a triple of floating-point numbers on that side of the surface too, not the nearest ones.
+        for k in range(3):
+            o[k] = dr.select(lost[k] * n[k] > 0, next_toward(o[k], n[k] > 0), o[k])
+        return dr.replace_grad(o, self.p)
