@@ -47,9 +47,9 @@ class Ray:
         self.d = _vectors(d, t, "d")
         self.tmin = _scalars(tmin, t, "tmin")
         self.tmax = _scalars(tmax, t, "tmax")
-        empty = [name for name in ("tmin", "tmax") if dr.width(getattr(self, name)) == 0 and len(self)]
+        empty = [name for name in ("o", "d", "tmin", "tmax") if dr.width(getattr(self, name)) == 0]
         if empty:
-            raise ValueError(f"{empty[0]} holds no number, but there are rays")
+            raise ValueError(f"{empty[0]} holds no ray; a batch needs at least one")
         widths = {dr.width(x) for x in (self.o, self.d, self.tmin, self.tmax)} - {1}
         if len(widths) > 1:
             raise ValueError(f"o, d, tmin and tmax hold different numbers of rays: {sorted(widths)}")

@@ -86,13 +86,15 @@ class _Walk:
             if depth >= MAX_DEPTH and not rest.endswith("/"):
                 raise _error(f"elements are nested more than {MAX_DEPTH} deep", source, line(), "flatten the scene")
             depth += not rest.endswith("/")
-            if tag not in ("default", "include", "path", "spectrum") and "$" not in rest and "&" not in rest:
+            if tag not in ("default", "include", "path", "spectrum", "matrix") and "$" not in rest and "&" not in rest:
                 continue
             attributes = {
                 key: self._expand(html.unescape(v[1:-1]), source, line) for key, v in _ATTRIBUTE.findall(rest)
             }
             if tag == "default" and attributes.get("name"):
                 self.parameters.setdefault(f"${attributes['name']}", attributes.get("value", ""))
+            elif tag == "matrix":
+                _require_affine(attributes.get("value", ""), source, line())
             elif tag == "path":
                 _prepend(resolver, attributes.get("value", ""), source)
             elif "filename" in attributes and tag in ("include", "spectrum"):
@@ -139,6 +141,17 @@ def _prepend(resolver: Any, folder: str, source: str) -> None:
     found = here if os.path.exists(here) else str(resolver.resolve(folder))
     if os.path.isdir(found):
         resolver.prepend(found)
+
+
+def _require_affine(value: str, source: str, line: int) -> None:
+    """The last row of a 4 x 4 matrix, which Mitsuba does not look at."""
+    row = value.replace(",", " ").split()[12:]
+    try:
+        affine = len(row) != 4 or tuple(map(float, row)) == (0.0, 0.0, 0.0, 1.0)
+    except ValueError:
+        affine = False
+    if not affine:
+        raise _error(f"the last row of a <matrix> is {' '.join(row)}", source, line, "it must be 0 0 0 1")
 
 
 def _regular_file(name: str, source: str, line: int, resolver: Any) -> str | None:

@@ -1,3 +1,4 @@
+# ruff: noqa: E501 -- a case a line
 """Calls with arrays and settings of every wrong kind; unusual but right ones must give what the usual ones give."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# ruff: noqa: E501 -- a case a line
 """Damage to files: what a bad disk, a broken exporter or an enemy does to bytes."""
 
 from __future__ import annotations

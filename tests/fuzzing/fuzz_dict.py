@@ -1,3 +1,4 @@
+# ruff: noqa: E501 -- a case a line
 """Damage to scene dicts: values of every Python type where a number, a string or an object is meant."""
 
 from __future__ import annotations

@@ -1,3 +1,4 @@
+# ruff: noqa: E501 -- a case a line
 """What became of a case: fine, refused in one line, or one of the ways in which a program fails its users."""
 
 from __future__ import annotations

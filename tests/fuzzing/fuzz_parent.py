@@ -1,3 +1,4 @@
+# ruff: noqa: E501 -- a case a line
 """Runs cases in child processes, so that one that kills its process or never ends is a result and not the end."""
 
 from __future__ import annotations

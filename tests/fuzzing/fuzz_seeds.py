@@ -1,3 +1,4 @@
+# ruff: noqa: E501 -- a case a line
 """What is mutated: small scenes and files that use every part of the readers, all made here."""
 
 from __future__ import annotations

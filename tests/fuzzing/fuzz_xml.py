@@ -1,3 +1,4 @@
+# ruff: noqa: E501 -- a case a line
 """Damage to scenes: numbers, attributes, tags and references that are wrong, and text that is no XML."""
 
 from __future__ import annotations
@@ -5,6 +6,7 @@ from __future__ import annotations
 import copy
 import random
 import xml.etree.ElementTree as ET
+from collections.abc import Iterator
 
 from fuzz_bytes import NUMBERS, damaged
 from fuzz_seeds import SCENES
@@ -31,6 +33,28 @@ _STRINGS = (
     "a" * 100_000, "$x", "\\$x", "$", "é\u202e\U0001f600", "%s%n", "&amp;", "mesh.ply", "tex.png", "part.xml", "env.exr", "\x7f",
     "mesh.ply/", "./mesh.ply", "red", "group", "picture", "floor",
 )  # fmt: skip
+
+
+def poisoned(poison: str) -> Iterator[tuple[str, str]]:
+    """Every scene once for each number in it, with ``poison`` in that number's place; and which number that is."""
+    for name, text in SCENES.items():
+        count = len(_numbers(ET.fromstring(text)))
+        for index in range(count):
+            root = ET.fromstring(text)
+            element, key, word = _numbers(root)[index]
+            words = element.attrib[key].replace(",", " ").split()
+            words[word] = poison
+            element.attrib[key] = (", " if element.tag == "lookat" else " ").join(words)
+            yield f"{name}: {element.tag} {element.attrib.get('name', '')} {key}[{word}]", ET.tostring(root, "unicode")
+
+
+def _numbers(root: ET.Element) -> list[tuple[ET.Element, str, int]]:
+    keys = ("value", "x", "y", "z", "angle", "origin", "target", "up")
+    plain = ("float", "integer", "rgb", "point", "vector", "lookat", "scale", "rotate", "translate", "matrix")
+    found = [(e, key) for e in root.iter() if e.tag in plain for key in e.attrib if key in keys]
+    return [
+        (e, key, i) for e, key in found for i, word in enumerate(e.attrib[key].replace(",", " ").split()) if word[0] != "$"
+    ]  # fmt: skip
 
 
 def xml_case(rng: random.Random) -> bytes:
