@@ -10,6 +10,7 @@ import drjit as dr
 
 from ...rays.footprint import Footprint
 from ...scene.description import ReconstructionFilter
+from ..filter_settings import FilterSettings
 
 # Footprints beyond this many texels, which is 64 times the largest image, and those that are no numbers: their
 # squares' squares still are numbers of single precision.
@@ -57,6 +58,12 @@ def variance(pixel: ReconstructionFilter) -> float:
     if pixel.name == "gaussian":
         return 1 / 12 if pixel.stddev == 0.125 else pixel.stddev**2
     return 1 / 12
+
+
+def anisotropy(bitmaps: Any, settings: FilterSettings) -> float:
+    """The largest ratio of axes that is heeded. Whatever is asked for, no longer a line of texels than the largest
+    image of the table has, or 64."""
+    return min(settings.max_anisotropy or math.inf, max(float(bitmaps.longest), 64.0))
 
 
 def shape(pixel: ReconstructionFilter) -> str:

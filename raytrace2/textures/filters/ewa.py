@@ -11,7 +11,7 @@ import drjit as dr
 
 from ...types import types_of
 from ..filter_settings import FilterSettings
-from .axes import principal_axes, shape, variance
+from .axes import anisotropy, principal_axes, shape, variance
 from .point import bilinear
 
 # By pixel filter, how far the Gaussian counts, in standard deviations, and the variance of what is left over that of
@@ -103,8 +103,7 @@ def ellipse_of(
     # boxes of variance (q^2 - 1) / 12, q being their size: the Gaussian that weighs them is narrower by that.
     major2 = dr.fma(pixel * axes.major, axes.major, 1 / 6)
     minor2 = dr.fma(pixel * axes.minor, axes.minor, 1 / 6)
-    most = settings.max_anisotropy or float(bitmaps.longest)
-    minor2 = dr.fmax(minor2, major2 * (1 / most**2))
+    minor2 = dr.fmax(minor2, major2 * (1 / anisotropy(bitmaps, settings) ** 2))
     u = types_of(major2).UInt
     number = 0.5 * dr.log2(dr.fmax((minor2 + 1 / 12) * (1 / (_LEAST**2 + 1 / 12)), 1))
     level = bitmaps.level(image, u(dr.fmin(number, float(bitmaps.pyramid.levels - 1))), active)
@@ -160,7 +159,7 @@ def each_texel(ellipse: Ellipse, active: Any, state: tuple[Any, ...], visit: Cal
 
     def step(i: Any, j: Any, end: Any, *state: Any) -> tuple[Any, ...]:
         state = visit(i, j, i <= end, state)
-        done = i + 1 > end
+        done = ~(i + 1 <= end)  # rows whose ends are NaN end too
         below, last = ellipse.span(j + 1)
         return dr.select(done, below, i + 1), dr.select(done, j + 1, j), dr.select(done, last, end), *state
 

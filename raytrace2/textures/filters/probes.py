@@ -10,7 +10,7 @@ import drjit as dr
 
 from ...types import types_of
 from ..filter_settings import FilterSettings
-from .axes import principal_axes, shape, width
+from .axes import anisotropy, principal_axes, shape, width
 from .trilinear import between_levels
 
 # A Gaussian counts this far, in standard deviations.
@@ -70,8 +70,7 @@ def probe_line(bitmaps: Any, image: Any, footprint: Any, settings: FilterSetting
     """Where the probes of ``footprint`` lie."""
     axes = principal_axes(footprint)
     major, minor = width(settings.pixel, axes.major), width(settings.pixel, axes.minor)
-    most = settings.max_anisotropy or bitmaps.longest
-    boxes = dr.clip(dr.ceil(major / dr.fmax(minor, 1)), 1, dr.ceil(most))
+    boxes = dr.clip(dr.ceil(major / dr.fmax(minor, 1)), 1, math.ceil(anisotropy(bitmaps, settings)))
     texels = major / boxes
     several = boxes > 1
     # The places have the variance that the pixel filter has along the axis, which n places a box apart fall short of.
