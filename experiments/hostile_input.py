@@ -104,12 +104,13 @@ def report(done: dict[str, Any], folder: Path) -> int:
     text = "# Hostile input\n\n## Mutated inputs\n\n" + markdown_table(["input", "cases", *CLASSES], rows)
     text += (
         "\nEach case runs in a child process with 8 GB of memory and a minute of time. Refused means one line a "
-        "problem, from an error that is raised on purpose; scenes that load are rendered at 4 x 4 pixels, all of which must be "
-        "finite.\n\n## Process kills\n\n"
+        "problem, from an error that is raised on purpose; scenes that load are rendered at 4 x 4 pixels, "
+        "all of which must be finite.\n\n## Process kills\n\n"
     )
     text += markdown_table(["set", "read by", "files", "fine", "refused", "not finite", "killed", "hung"], kills(done))
     text += (
-        f"\nBroken files: {', '.join(f'{n} {kind}' for kind, n in fuzz_files.BROKEN.items())}, each after one to three "
+        f"\nBroken files: {', '.join(f'{n} {kind}' for kind, n in fuzz_files.BROKEN.items())}, each after one to "
+        "three "
         f"random accidents (bytes changed, cut, numbers exchanged). Four bytes: {fuzz_files.FOUR_BYTES} "
         "copies of a sphere of 1280 faces as binary ply, four bytes of the body of each changed. All are loaded and "
         "rendered at 4 x 4 pixels; Mitsuba in its variant llvm_ad_rgb.\n\n## Bugs\n\n"

@@ -1,3 +1,4 @@
+# ruff: noqa: E501 -- a case a line
 """Hostile input is refused in one line: mutated scenes, dicts, files and arguments, by seed, in child processes."""
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from fuzz_judge import BUGS, REFUSED
 import raytrace2 as rt
 
 #: A few of the cases of experiments/hostile_input.py, which runs them by the ten thousand.
-FRESH = {
+FRESH = {"xml": 60, "dict": 40, "ply": 20, "obj": 12, "serialized": 8, "png": 12, "jpg": 4, "bmp": 4, "exr": 6, "api": 34}
     "xml": 80,
     "dict": 40,
     "ply": 24,

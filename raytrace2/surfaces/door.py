@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 import drjit as dr
 import numpy as np
@@ -47,4 +47,4 @@ def checked_hit(hit: Any, width: int) -> Hit:
     for name, entries in widths.items():
         if entries not in (1, full) or (width not in (1, full)):
             raise ValueError(f"the hit's {name} has {entries} entries for {full} rays")
-    return hit  # type: ignore[no-any-return]
+    return cast(Hit, hit)

@@ -164,7 +164,7 @@ ATTACKS: dict[str, tuple[Callable[[Path], Any], str]] = {
     # Dicts.
     "None in a dict": (_dict(s={"type": "sphere", "radius": None}), "NoneType"),
     "None as the height of a film": (_dict(c={"type": "perspective", "film": {"type": "hdrfilm", "height": None}}), "NoneType"),
-    "a list in itself": (_dict(s={"type": "sphere", "center": (lambda l: l.append(l) or l)([])}), "list of numbers"),
+    "a list in itself": (_dict(s={"type": "sphere", "center": (lambda row: row.append(row) or row)([])}), "list of numbers"),
     "a dict without type": (_dict(s={}), "no 'type'"),
     "a number as key": (_dict(s={"type": "sphere", 3: 1}), "no name"),
     "settings that are a list": (lambda folder: rt.load_dict({"type": "scene"}, [1]), "dict of names"),
