@@ -196,7 +196,7 @@ def on_rectangle(met: RayPoint, local: Any, to_world: Any, to_local: Any, side: 
     at = _on_plane(p, local, to_local)
     dp_du, dp_dv = to_world.vector(type(p)(2, 0, 0)), to_world.vector(type(p)(0, 2, 0))
     # Where to_world mirrors, the shading normal is opposite, as in Mitsuba: there a rectangle is a mesh with normals.
-    n = unit(dr.cross(dp_du, dp_dv)) * side
+    n = unit(dr.cross(dp_du * powers_of_two(dp_du)[1], dp_dv * powers_of_two(dp_dv)[1])) * side
     uv = _pair(p, dr.fma(at.x, 0.5, 0.5), dr.fma(at.y, 0.5, 0.5))
     error = to_world.spread(at)
     p, rest = _placed(at, to_world)
