@@ -80,7 +80,8 @@ def probe_line(bitmaps: Any, image: Any, footprint: Any, settings: FilterSetting
     if kind == "gaussian":
         count = 1 + dr.ceil(2 * _REACH * deviation)
     elif kind == "tent":
-        count = dr.ceil(2 * _half_width(deviation)) - 1
+        # Less a little: where the width is a whole number, round-off shall not decide whether there is one more.
+        count = dr.ceil(2 * _half_width(deviation) - 1e-3) - 1
     else:
         spread = texels * dr.select(several, boxes * dr.rsqrt(dr.fmax(boxes * boxes - 1, 1)), 1)
     step = axes.direction * spread
