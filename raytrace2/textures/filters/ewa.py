@@ -43,19 +43,14 @@ class Ellipse:
     deviation_x: Any
     deviation_y: Any
 
-    def weight(self, i: Any, j: Any) -> Any:
-        """What the texel ``i`` columns and ``j`` rows from (column, row) counts."""
+    def line(self, j: Any) -> tuple[Any, Any, Any, Any]:
+        """Of row ``j``: the first ``i`` and the last, which is before the first where the row holds none, where the
+        Gaussian has its middle, and the square of the row's distance in deviations."""
         v = j - self.y
-        across = dr.square((i - self.x - self.slant * v) / self.deviation_x)
-        along = dr.square(v / self.deviation_y)
-        return dr.exp2(-0.5 / math.log(2) * (across + along))
-
-    def span(self, j: Any) -> tuple[Any, Any]:
-        """The first and the last ``i`` of row ``j``; the last is before the first where the row holds none."""
-        v = j - self.y
-        rest = dr.fmax(self.reach**2 - dr.square(v / self.deviation_y), 0)
-        half, middle = self.deviation_x * dr.sqrt(rest), dr.fma(self.slant, v, self.x)
-        return dr.ceil(middle - half), dr.floor(middle + half)
+        along = dr.square(v * (1 / self.deviation_y))
+        half = self.deviation_x * dr.sqrt(dr.fmax(self.reach**2 - along, 0))
+        middle = dr.fma(self.slant, v, self.x)
+        return dr.ceil(middle - half), dr.floor(middle + half), middle, along
 
 
 def ewa(bitmaps: Any, image: Any, uv: Any, footprint: Any, settings: FilterSettings, active: Any) -> Any:
@@ -71,10 +66,9 @@ def ewa(bitmaps: Any, image: Any, uv: Any, footprint: Any, settings: FilterSetti
     wide = active & (major > 1)
     first = bitmaps.texel(ellipse.image, *texel_at(bitmaps, ellipse, 0, 0), wide)
 
-    def visit(i: Any, j: Any, here: Any, state: tuple[Any, Any]) -> tuple[Any, Any]:
+    def visit(i: Any, j: Any, weight: Any, state: tuple[Any, Any]) -> tuple[Any, Any]:
         total, weights = state
-        weight = dr.select(here, ellipse.weight(i, j), 0)
-        value = bitmaps.texel(ellipse.image, *texel_at(bitmaps, ellipse, i, j), here)
+        value = bitmaps.texel(ellipse.image, *texel_at(bitmaps, ellipse, i, j), weight > 0)
         # Differences to one of them: equal texels give that texel, whatever the weights round to.
         return dr.fma(weight, value - first, total), weights + weight
 
@@ -148,19 +142,24 @@ def texel_at(bitmaps: Any, ellipse: Ellipse, i: Any, j: Any) -> tuple[Any, Any]:
 
 
 def each_texel(ellipse: Ellipse, active: Any, state: tuple[Any, ...], visit: Callable[..., tuple[Any, ...]]) -> Any:
-    """``visit(i, j, here, state)`` for every texel of the ellipse, row by row, one an iteration; rows that hold none
-    take an iteration too (``here`` is False)."""
+    """``visit(i, j, weight, state)`` for every texel of the ellipse, row by row, one an iteration; rows that hold none
+    take an iteration too (with the weight 0)."""
     reach = ellipse.reach * ellipse.deviation_y
     top, bottom = dr.ceil(ellipse.y - reach), dr.floor(ellipse.y + reach)
-    start, end = ellipse.span(top)
+    inverse = 1 / ellipse.deviation_x
 
     def more(i: Any, j: Any, *_: Any) -> Any:
         return active & (j <= bottom)
 
-    def step(i: Any, j: Any, end: Any, *state: Any) -> tuple[Any, ...]:
-        state = visit(i, j, i <= end, state)
-        done = ~(i + 1 <= end)  # rows whose ends are NaN end too
-        below, last = ellipse.span(j + 1)
-        return dr.select(done, below, i + 1), dr.select(done, j + 1, j), dr.select(done, last, end), *state
+    def step(i: Any, j: Any, end: Any, middle: Any, along: Any, *state: Any) -> tuple[Any, ...]:
+        distance2 = dr.square((i - middle) * inverse) + along
+        state = visit(i, j, dr.select(i <= end, dr.exp2(-0.5 / math.log(2) * distance2), 0), state)
+        i += 1
+        done = ~(i <= end)  # rows whose ends are NaN end too
+        below = ellipse.line(j + 1)
+        old = i, end, middle, along
+        i, *rest = (dr.select(done, new, kept) for new, kept in zip(below, old, strict=True))
+        return i, dr.select(done, j + 1, j), *rest, *state
 
-    return dr.while_loop((start, top, end, *state), more, step)[3:]
+    start, *rest = ellipse.line(top)
+    return dr.while_loop((start, top, *rest, *state), more, step)[5:]

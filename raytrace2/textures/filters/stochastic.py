@@ -126,9 +126,8 @@ def _ewa(bitmaps: Any, image: Any, uv: Any, footprint: Any, settings: FilterSett
     wide, s = _choose(footprint.random.y, mixture(major))
     zero = dr.zeros(type(major), dr.width(major, uv, s))
 
-    def visit(i: Any, j: Any, here: Any, state: tuple[Any, ...]) -> tuple[Any, ...]:
+    def visit(i: Any, j: Any, weight: Any, state: tuple[Any, ...]) -> tuple[Any, ...]:
         column, row, weights, r = state
-        weight = dr.select(here, ellipse.weight(i, j), 0)
         weights += weight
         chosen, r = _choose(r, weight / dr.select(weights > 0, weights, 1))
         return dr.select(chosen, i, column), dr.select(chosen, j, row), weights, r
