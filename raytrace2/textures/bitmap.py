@@ -13,12 +13,13 @@ from ..buffers import owned
 from ..rays.footprint import Footprint
 from ..scene.description import BitmapTexture
 from ..types import Types
+from .block_means import BlockMeans
 from .filter_settings import FilterSettings
 from .filters import FILTERS
 from .pyramid import Pyramid
 from .texels import Texels
 from .uv_transform import UvTransforms
-from .wrap import MODES, wrap
+from .wrap import CLAMP, MODES, wrap
 
 _POINT = {"nearest": 0, "bilinear": 1}
 
@@ -65,9 +66,15 @@ class Bitmaps:
         self._mixed_srgb = len(set(srgb)) > 1
         self._count = len(images)
         sizes = np.array([image.shape[1::-1] for image in images], dtype=np.uint32)
+        #: Texels of the longest side of all images.
+        self.longest = int(sizes.max())
         self.pyramid: Pyramid | None = None
         if settings is not None and settings.needs_pyramid:
             self.pyramid = Pyramid(self.texels, sizes, srgb, modes, types, settings.pyramid)
+        self.blocks: BlockMeans | None = None
+        if settings is not None and settings.needs_blocks:
+            near = [b.filter_type == "nearest" for b in bitmaps]
+            self.blocks = BlockMeans(self.texels, sizes, srgb, modes, near, types)
         flags = np.array(modes) | np.array(filters) << 2 | np.array(srgb, dtype=np.int64) << 3
         records = np.column_stack([self.texels.offsets, sizes, flags]).astype(np.uint32)
         if self._count == 1:
@@ -128,6 +135,14 @@ class Bitmaps:
             flags & 8 != 0 if self._mixed_srgb else None,
             place,
         )
+
+    def wraps(self, mode: int) -> bool:
+        """Whether there are images of a wrap mode."""
+        return mode in self._modes
+
+    def is_clamped(self, image: Image) -> Any:
+        """Whether the ``image`` goes on as its edges do (Bool)."""
+        return self._types.Bool(self.wraps(CLAMP)) if image.mode is None else image.mode == CLAMP
 
     def columns(self, image: Image, x: Any) -> tuple[Any, Any]:
         """Columns (Float, in range) of the texels ``x`` and ``x + 1``, after wrapping."""

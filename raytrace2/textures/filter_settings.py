@@ -36,6 +36,11 @@ class FilterSettings:
         """Whether look-ups read coarser levels of images."""
         return (self.of if self.name == "stochastic" else self.name) in PYRAMID_FILTERS
 
+    @property
+    def needs_blocks(self) -> bool:
+        """Whether look-ups read blocks of texels with their slopes."""
+        return self.name in EXACT_FILTERS
+
     def __post_init__(self) -> None:
         if self.name not in filter_names():
             raise SettingError(f"unknown filter {self.name!r}; there are {', '.join(filter_names())}")
@@ -47,6 +52,12 @@ class FilterSettings:
             raise SettingError(f"{self.name}: of must be another filter, not {self.of!r}")
         if not (isinstance(self.budget, int) and self.budget >= 4):
             raise SettingError(f"{self.name}: budget must be a whole number of texels, 4 or more")
+        exact = (self.of if self.name == "stochastic" else self.name) in EXACT_FILTERS
+        if exact and self.pixel.name not in EXACT_PIXEL_FILTERS:
+            raise SettingError(
+                f"{self.name} integrates the pixel filters {', '.join(EXACT_PIXEL_FILTERS)}, not {self.pixel.name!r}; "
+                "choose one of them or another texture filter"
+            )
 
 
 #: Filters that read the texels around a point, whatever the footprint.
@@ -54,6 +65,10 @@ POINT_FILTERS = ("nearest", "bilinear", "bicubic")
 FOOTPRINT_FILTERS = ("mip_distance", "trilinear", "trilinear_shorter", "ewa", "probes", "exact", "exact2", "stochastic")
 #: Of these the ones that read images at half, a quarter, ... of their size.
 PYRAMID_FILTERS = ("mip_distance", "trilinear", "trilinear_shorter", "ewa", "probes")
+#: And those that read blocks of texels with their slopes.
+EXACT_FILTERS = ("exact", "exact2")
+#: Pixel filters that those integrate.
+EXACT_PIXEL_FILTERS = ("box", "tent", "gaussian")
 
 
 def filter_names() -> tuple[str, ...]:

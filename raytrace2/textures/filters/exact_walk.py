@@ -1,0 +1,143 @@
+"""Sums over the blocks of an image that a parallelogram meets: one loop, row by row."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+
+from ...types import types_of
+from ..block_means import Level
+from ..wrap import CLAMP
+from .exact_cells import Parallelogram
+
+
+@dataclass
+class Grid:
+    """Where a look-up meets the blocks of one level: ``base`` (Array2f, integers) is the block that coordinates of
+    parallelograms count from. Of images that are clamped, blocks ``lowest`` to ``highest`` (Array2f, from ``base``)
+    are there, and those at the ends go on for ever; else both are None."""
+
+    image: Any
+    level: Level
+    reference: Any
+    base: Any
+    lowest: Any
+    highest: Any
+
+
+def make_grid(bitmaps: Any, image: Any, level: Any, centre: Any, reference: Any, active: Any) -> tuple[Grid, Any]:
+    """The grid of ``level`` (:class:`~raytrace2.textures.block_means.Level`) about ``centre`` (Array2f, texels), and
+    ``centre`` on it (Array2f)."""
+    at = (centre - level.start) / level.size
+    base = dr.floor(at)
+    if not bitmaps.wraps(CLAMP):
+        return Grid(image, level, reference, base, None, None), at - base
+    t = types_of(base.x)
+    count = t.Array2f(level.columns, level.rows)
+    # Between the centres of texels there is one cell less than there are texels.
+    last = count - dr.select(level.start > 0, t.Float(1), 0)
+    lowest, highest = dr.select(level.clamped, -1 - base, -dr.inf), dr.select(level.clamped, last - base, dr.inf)
+    return Grid(image, level, reference, base, lowest, highest), at - base
+
+
+Moments = Callable[[Parallelogram, Any, Any, Any, Any], tuple[Any, Any, Any, Any]]
+
+
+def integrate(
+    bitmaps: Any,
+    grid: Grid,
+    pieces: Callable[[Any], Parallelogram],
+    count: Any,
+    moments: Moments,
+    active: Any,
+    most: int,
+) -> tuple[Any, Any, Any]:
+    """Integral of the image (less ``grid.reference``) over parallelograms, that of 1, and how many blocks were read
+    (UInt).
+
+    There are ``count`` parallelograms (UInt, or None for one), ``pieces(k)`` being one, and ``moments`` integrates 1,
+    x, y, x y over the part in a cell given by ``(piece, left, bottom, width, height)``. No lane reads more than
+    ``most`` blocks; a piece with a coordinate that is NaN takes no turn.
+    """
+    zero = grid.base.x * 0
+    t = types_of(zero)
+    piece = pieces(dr.zeros(t.UInt, dr.width(zero)))
+    row, last_row = _rows(grid, piece)
+    column, last = _columns(grid, piece, row)
+    state = (
+        dr.zeros(t.UInt, dr.width(zero)), row, last_row, column, last,
+        dr.zeros(type(grid.reference), dr.width(zero)), dr.zeros(t.Float, dr.width(zero)),
+        dr.zeros(t.UInt, dr.width(zero)), t.Bool(active) & (row <= last_row),
+    )  # fmt: skip
+
+    def turn(
+        k: Any, row: Any, last_row: Any, column: Any, last: Any, total: Any, weight: Any, reads: Any, going: Any
+    ) -> tuple[Any, ...]:
+        here = piece if count is None else pieces(k)
+        left, bottom, width, height = _cell(grid, here, column, row)
+        m, mx, my, mxy = moments(here, left, bottom, width, height)
+        mean, slope_u, slope_v, mixed = bitmaps.blocks.block(
+            bitmaps, grid.image, grid.level, grid.reference, grid.base.x + column, grid.base.y + row, going
+        )
+        total = total + (mean * m + slope_u * mx + (slope_v * my + mixed * mxy))
+        column = column + 1
+        next_row = column > last
+        row = dr.select(next_row, row + 1, row)
+        going = row <= last_row
+        following = here
+        if count is not None:
+            done = next_row & ~going
+            k = dr.select(done, k + 1, k)
+            going = k < count
+            following = pieces(k)
+            first_row, end_row = _rows(grid, following)
+            row, last_row = dr.select(done, first_row, row), dr.select(done, end_row, last_row)
+            going &= row <= last_row
+        going &= reads < most - 1
+        first, end = _columns(grid, following, row)
+        column, last = dr.select(next_row, first, column), dr.select(next_row, end, last)
+        return k, row, last_row, column, last, total, weight + m, reads + 1, going
+
+    *_, total, weight, reads, _ = dr.while_loop(state, lambda *s: s[-1], turn, label="blocks of a footprint")
+    return total, weight, reads
+
+
+def _rows(grid: Grid, piece: Parallelogram) -> tuple[Any, Any]:
+    half = 0.5 * piece.extent().y
+    return _within(grid, 1, dr.floor(piece.centre.y - half), dr.floor(piece.centre.y + half))
+
+
+def _columns(grid: Grid, piece: Parallelogram, row: Any) -> tuple[Any, Any]:
+    bottom, top = row, row + 1
+    if grid.lowest is not None:
+        bottom = dr.select(row <= grid.lowest.y, -dr.inf, bottom)
+        top = dr.select(row >= grid.highest.y, dr.inf, top)
+    least, greatest = piece.columns(bottom, top)
+    return _within(grid, 0, dr.floor(least), dr.floor(greatest))
+
+
+def _within(grid: Grid, axis: int, first: Any, last: Any) -> tuple[Any, Any]:
+    if grid.lowest is None:
+        return first, last
+    lowest, highest = grid.lowest[axis], grid.highest[axis]
+    return dr.fmin(dr.fmax(first, lowest), highest), dr.fmin(dr.fmax(last, lowest), highest)
+
+
+def _cell(grid: Grid, piece: Parallelogram, column: Any, row: Any) -> tuple[Any, Any, Any, Any]:
+    """Left and bottom, width and height of a cell, of endless ones of the part that matters."""
+    one = type(column)(1)
+    if grid.lowest is None:
+        return column, row, one, one
+    half = 0.5 * piece.extent()
+    result = []
+    for at, lowest, highest, centre, reach in (
+        (column, grid.lowest.x, grid.highest.x, piece.centre.x, half.x),
+        (row, grid.lowest.y, grid.highest.y, piece.centre.y, half.y),
+    ):
+        least = dr.select(at <= lowest, dr.fmin(centre - reach, at), at)
+        most = dr.select(at >= highest, dr.fmax(centre + reach, at + 1), at + 1)
+        result.append((least, most - least))
+    return result[0][0], result[1][0], result[0][1], result[1][1]
