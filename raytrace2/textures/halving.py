@@ -27,8 +27,8 @@ def taps(size: int, kernel: str, mode: int) -> tuple[np.ndarray, np.ndarray]:
     and their weights (float64).
 
     ``"box"`` weighs by covered length, so means are kept for any size. ``"lanczos"`` (three lobes of the smaller grid,
-    Duchon 1979) reaches over the edges as ``mode`` says; it keeps means, to 1.1e-4 of the largest value, where the image is repeated or mirrored,
-    while a clamped one has its edge beyond. Weights of a texel sum to 1, up to round-off.
+    Duchon 1979) reaches over the edges as ``mode`` says; it keeps means, to 1.1e-4 of the largest value, where the
+    image is repeated or mirrored, while a clamped one has its edge beyond. The weights of a texel sum to 1.
     """
     smaller = half(size)
     if size == 1:

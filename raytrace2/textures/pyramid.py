@@ -86,7 +86,11 @@ class Pyramid:
         if image.coarse is None:
             return self._texels.fetch(index, image.srgb, active)
         t = self._types
-        full = self._texels.fetch(index, image.srgb, active & ~image.coarse)
+        # Most packets of lanes are in one storage, and decoding is dear: a branch is worth it.
+        zero = dr.zeros(t.Float if self._texels.channels == 1 else t.Array3f, dr.width(index))
+        full = dr.if_stmt(
+            (index,), active & ~image.coarse, lambda k: self._texels.fetch(k, image.srgb, True), lambda k: zero
+        )
         active = active & image.coarse
         if self._texels.channels == 1:
             value = t.Float(dr.gather(type(self._coarse), self._coarse, index, active)) * image.scale[0]

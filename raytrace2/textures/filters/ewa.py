@@ -58,9 +58,9 @@ def ewa(bitmaps: Any, image: Any, uv: Any, footprint: Any, settings: FilterSetti
 
     The level is the coarsest in which the Gaussian across has a deviation of half a texel or more; where the footprint
     is longer than ``max_anisotropy`` times its width (no bound: than the largest image of the table has texels a side)
-    it is widened to that. At most ``(4 reach^2 max_anisotropy + 2 reach + 1)`` texels in the average of all directions
-    are read, reach being 2 for the box and 2.5 for other filters, and one more. Footprints up to a texel are bilinear
-    to the last bit, those up to 1.5 texels a mixture.
+    it is widened to that. With a as the anisotropy at most 5.2 reach^2 a + 2.4 reach (a + 1) + 2 texels are read, reach
+    being 2 for the box and 2.5 for other filters (up to four times as many in the last levels of images whose sides
+    are no powers of two). Footprints up to a texel are bilinear to the last bit, those up to 1.5 texels a mixture.
     """
     major, ellipse = ellipse_of(bitmaps, image, uv, footprint, settings, active)
     wide = active & (major > 1)

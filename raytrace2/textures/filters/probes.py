@@ -46,7 +46,8 @@ def probes(bitmaps: Any, image: Any, uv: Any, footprint: Any, settings: FilterSe
     pixel filter; each is a trilinear look-up of the longer axis over that number.
 
     Shorter axes below a texel count as a texel. No bound on the anisotropy means as many probes as the largest image
-    of the table has texels a side. Gaussians take 1 + 1.45 times, tents 1.42 times as many probes.
+    of the table has texels a side. For Gaussians there are up to 1.45 times as many and two more, for tents 1.42 times
+    as many.
     """
     line = probe_line(bitmaps, image, footprint, settings)
     zero = dr.zeros(type(line.count), dr.width(uv.x, line.count))

@@ -181,3 +181,43 @@ def test_derivatives_by_uv_and_footprint(name: str) -> None:
         expected = (np.array(value(near[1])) - np.array(value(near[0]))) / 2e-7
         # Where a texel enters the sum there is a step, of which derivatives do not know.
         assert np.mean(np.abs(got - expected) <= 1e-4 * (1 + np.abs(expected))) >= 0.9
+
+
+@pytest.mark.parametrize("setting", [*SETTINGS[::5], *STOCHASTIC[::4]], ids=str)
+def test_look_ups_in_a_symbolic_loop_are_those_outside(setting: FilterSettings) -> None:
+    t, n = T32, 100
+    table = Bitmaps(
+        [BitmapTexture((IMAGE * 255).astype(np.uint8)), BitmapTexture(np.zeros((3, 8, 1), np.uint8))], t, setting
+    )
+    place = t.UInt(np.arange(n) % 2)
+    u = t.Array2f(np.random.default_rng(15).random((2, n)))
+    j = footprints(n, 0.1, 30, 16) / 40
+    footprint = Footprint(t.Array2f(j[:, 0]), t.Array2f(j[:, 1]), random=t.Array2f(0.3, 0.6))
+    expected = table.eval(place, u, footprint, t.Bool(True))
+
+    def step(k: Any, total: Any) -> tuple[Any, Any]:
+        return k + 1, total + table.eval(place, u, footprint, k < 2)
+
+    _, total = dr.while_loop((dr.zeros(t.UInt, n), dr.zeros(t.Float, n)), lambda k, _: k < 2, step)
+    assert np.array_equal(total, 2 * expected)
+
+
+@pytest.mark.parametrize("pixel", PIXELS[:3], ids=lambda p: p.name)
+def test_ellipses_read_no_more_texels_than_they_say(
+    pixel: ReconstructionFilter, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    n, a = 20000, 16
+    table = Bitmaps([BitmapTexture(np.zeros((512, 256, 1), np.float32))], T32, FilterSettings("ewa", pixel=pixel))
+    count, lane, read = dr.zeros(T32.UInt, n), dr.arange(T32.UInt, n), table.texel
+
+    def texel(image: Any, column: Any, row: Any, active: Any) -> Any:
+        dr.scatter_add(count, T32.UInt(1), lane, active)
+        return read(image, column, row, active)
+
+    monkeypatch.setattr(table, "texel", texel)
+    uv = T32.Array2f(np.random.default_rng(17).random((2, n)))
+    j = footprints(n, 1.6, 3000, 18) / np.array([256, 512])[:, None, None]
+    value = table.eval(T32.UInt(0), uv, Footprint(T32.Array2f(j[:, 0]), T32.Array2f(j[:, 1])), T32.Bool(True))
+    dr.eval(value, count)
+    reach = 2 if pixel.name == "box" else 2.5
+    assert np.array(count).max() <= 5.2 * reach**2 * a + 2.4 * reach * (a + 1) + 2
