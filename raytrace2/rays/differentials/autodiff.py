@@ -66,8 +66,7 @@ class Autodiff:
     def leave(self, meeting: Meeting, sample: Any, ray: Ray, state: RayDifferential) -> RayDifferential:
         """The differentials of ``ray``, which goes on from the meeting's ``scatter`` as ``sample`` says."""
         lobe = Lobe.of(meeting.si, sample)
-        # Not wo.z itself: the direction is computed from it, and forward mode empties what is on its way.
-        cos = -sample.wo.z
+        cos = sample.wo.z
         moving = (ray.o, ray.d) if lobe.ratio is None else (ray.o, ray.d, cos)
         (o_dx, d_dx, *cos_dx), (o_dy, d_dy, *cos_dy) = meeting.memory.tangents.of(moving)
         moved = RayDifferential(o_dx, d_dx, o_dy, d_dy, state.flags)

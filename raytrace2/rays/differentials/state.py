@@ -45,6 +45,13 @@ class Meeting:
     scatter: SurfaceInteraction
     memory: Any = None
 
+    def drawing(self, random: Any) -> Meeting:
+        """The same with random numbers (Array2f) for filters that read texels at random."""
+        for x in (self.si, self.scatter):
+            if x.footprint is not None:
+                x.footprint.random = random
+        return self
+
     def inside(self, loop: bool) -> Meeting:
         """The same for use in the body of a symbolic ``loop``, where look-ups cannot be shared with the outside."""
         if not loop or self.si.footprint is None:

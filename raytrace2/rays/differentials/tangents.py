@@ -24,7 +24,10 @@ class Tangents:
 
     def of(self, values: Sequence[Any]) -> list[tuple[Any, ...]]:
         """The derivatives of ``values`` along each direction; zero for what does not depend on the inputs."""
-        moving = [v for v in values if dr.grad_enabled(v)]
+        # Values may be computed from each other, and forward mode empties what it passes on its way: ask at ends that
+        # nothing is computed from.
+        ends = [-v if dr.grad_enabled(v) else None for v in values]
+        moving = [end for end in ends if end is not None]
         found = []
         for direction in self._directions:
             if moving:
@@ -33,8 +36,6 @@ class Tangents:
                     dr.set_grad(x, tangent)
                 # The edges stay, for the next direction and for what is yet to be computed.
                 dr.forward_to(moving, flags=dr.ADFlag.ClearInterior)
-            found.append(tuple(dr.grad(v) if dr.grad_enabled(v) else type(v)(0) for v in values))
-            if moving:
-                # Further values may be computed from these, and would find what is left in them.
-                dr.clear_grad(moving)
+            pairs = zip(values, ends, strict=True)
+            found.append(tuple(type(v)(0) if end is None else -dr.grad(end) for v, end in pairs))
         return found
