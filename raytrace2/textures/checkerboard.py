@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -9,8 +10,21 @@ import drjit as dr
 import numpy as np
 
 from ..buffers import owned
+from ..rays.footprint import Footprint
+from ..scene.description import ReconstructionFilter
 from ..types import Types
+from .checker_coverage import odd_fraction
 from .uv_transform import UvTransforms
+
+
+def checker_scale(pixel: ReconstructionFilter) -> float:
+    """How much larger a box has the variance of the pixel filter ``pixel`` (of a box, where it is of another kind than
+    tent and gaussian): coverage is that of boxes."""
+    if pixel.name == "gaussian":
+        return pixel.stddev * math.sqrt(12)
+    if pixel.name == "tent":
+        return (1.0 if pixel.radius is None else pixel.radius) * math.sqrt(2)
+    return 1.0
 
 
 class Checkerboards:
@@ -33,3 +47,21 @@ class Checkerboards:
         if self._single:
             return dr.select(odd, self._single[1], self._single[0])
         return dr.gather(self._types.UInt, self._handles, 2 * place + dr.select(odd, self._types.UInt(1), 0), active)
+
+    def both(self, place: Any, swapped: bool, active: Any) -> tuple[Any, Any]:
+        """The handles (UInt) of the textures of the even and the odd fields; ``swapped`` exchanges the two."""
+        if self._single:
+            first, second = self._single
+        else:
+            first, second = (dr.gather(self._types.UInt, self._handles, 2 * place + k, active) for k in range(2))
+        return (second, first) if swapped else (first, second)
+
+    def covered(self, place: Any, uv: Any, footprint: Footprint, scale: float, active: Any) -> Any:
+        """How much (Float) of the ``footprint`` about ``uv``, ``scale`` times as large, lies in odd fields."""
+
+        def look_up() -> Any:
+            linear = self._to_uv.apply_linear(place, active)
+            a, b = (linear(v) * (2 * scale) for v in (footprint.dx, footprint.dy))
+            return odd_fraction(2 * self._to_uv.apply(place, uv, active), a, b, active)
+
+        return footprint.once((id(self), place, self._types.Bool(active)), look_up)

@@ -19,7 +19,7 @@ from ..scene.description import (
 from ..types import Types
 from . import handle as handles
 from .bitmap import Bitmaps, check_bitmap
-from .checkerboard import Checkerboards
+from .checkerboard import Checkerboards, checker_scale
 from .color import luminance
 from .constant import Constants
 from .filter_settings import FilterSettings
@@ -119,15 +119,40 @@ class TextureTable:
             reach = self.reach((index,))
             index = self.types.UInt(index)
         levels = self._all if reach is None else reach
+        if len(levels) > 1 and self._filters_boards(si):
+            return self._blend(index, uv, si, active, levels, single)
         for kinds in levels[:-1]:
             index = self._through_boards(index, uv, kinds, active, swapped=single)
+        return self._leaf(index, uv, si, active, levels[-1], single)
+
+    def _leaf(self, index: Any, uv: Any, si: Any, active: Any, kinds: frozenset[int], single: bool) -> Any:
         result = None
-        for kind in sorted(levels[-1]):
-            here = None if len(levels[-1]) == 1 else handles.kind_of(index) == kind
+        for kind in sorted(kinds):
+            here = None if len(kinds) == 1 else handles.kind_of(index) == kind
             place = handles.place_of(index)
             value = self._value(kind, place, uv, si, active if here is None else active & here, single)
             result = value if here is None or result is None else dr.select(here, value, result)
         return dr.zeros(self.types.Float if single else self.types.Array3f) if result is None else result
+
+    def _filters_boards(self, si: Any) -> bool:
+        settings = self.settings
+        return settings is not None and settings.needs_footprint and si is not None and si.footprint is not None
+
+    def _blend(self, index: Any, uv: Any, si: Any, active: Any, levels: Reach, single: bool) -> Any:
+        """Both textures of checkerboards, by how much of the footprint they cover."""
+        if len(levels) == 1:
+            return self._leaf(index, uv, si, active, levels[0], single)
+        assert self.settings is not None
+        boards, place = self._tables[_CHECKERBOARD], handles.place_of(index)
+        here = active & (handles.kind_of(index) == _CHECKERBOARD)
+        even, odd = (dr.select(here, h, index) for h in boards.both(place, single, here))
+        scale = checker_scale(self.settings.pixel)
+        share = dr.select(here, boards.covered(place, uv, si.footprint, scale, here), 0)
+        first = self._blend(even, uv, si, active & (share < 1), levels[1:], single)
+        second = self._blend(odd, uv, si, active & (share > 0), levels[1:], single)
+        # Equal textures stay what they are, and so does either where it is alone.
+        mixed = first + share * (second - first)
+        return dr.select(share >= 1, second, dr.select(share > 0, mixed, first))
 
     def _through_boards(self, index: Any, uv: Any, kinds: frozenset[int], active: Any, *, swapped: bool) -> Any:
         # Mitsuba's checkerboard exchanges its colours when it is asked for one channel: so masks come out as there.
