@@ -15,8 +15,10 @@ from .axes import anisotropy, principal_axes, shape, variance
 from .point import bilinear
 
 # By pixel filter, how far the Gaussian counts, in standard deviations, and the variance of what is left over that of
-# the pixel filter: those that gave the least error to a supersampled truth on a grazing floor of checks, 1/f noise and
-# white noise. A box is so unlike a Gaussian that more reach gains nothing.
+# the pixel filter: for the box and the Gaussian those that gave the least error to a supersampled truth on a grazing
+# floor of checks, 1/f noise and white noise; the tent's variance is matched. A box is so unlike a Gaussian that more
+# reach gains nothing, while a Gaussian's error goes on falling (0.0066, 0.0056, 0.0046 at 2.5, 2.75, 3 on checks) as
+# the texels read grow by a fifth each.
 _KERNELS = {"box": (2.0, 1.08), "tent": (2.5, 1.0), "gaussian": (2.5, 0.94)}
 # The least standard deviation in texels of the level that is read: at 0.5, a sampled Gaussian's sum ripples by 1.4 %.
 _LEAST = 0.5
