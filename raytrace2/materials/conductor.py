@@ -19,6 +19,7 @@ class Conductor:
     smooth = False
     delta = True
     transmission = False
+    widens = False
 
     def __init__(self, bsdfs: Sequence[ConductorBsdf], textures: TextureTable) -> None:
         self._types = textures.types

@@ -20,6 +20,7 @@ class Dielectric:
     smooth = False
     delta = True
     transmission = True
+    widens = False
 
     def __init__(self, bsdfs: Sequence[DielectricBsdf], textures: TextureTable) -> None:
         self._types = textures.types

@@ -17,7 +17,8 @@ from ..textures import TextureTable
 from ..textures.bitmap import Bitmaps
 from .bump import Heights, linear_pixels, tangent_slopes
 from .relief import Relief
-from .relief_moments import ReliefMoments, blended
+from .relief_moments import ReliefMoments
+from .spread import Slopes, Spread, slope_normal
 
 _NONE, _BUMP, _NORMAL = range(3)
 _BEHIND, _FLIP, _SHADOW = 4, 8, 16
@@ -26,11 +27,14 @@ _BEHIND, _FLIP, _SHADOW = 4, 8, 16
 @dataclass
 class ReliefFrame:
     """``frame``: the frame (Frame) that a map gives, within the shading frame of the surface; ``mapped`` (Bool): where
-    there is a map at all; ``shadows`` (Bool): where grazing light is attenuated."""
+    there is a map at all; ``shadows`` (Bool): where grazing light is attenuated, by ``tan2``, the squared slope of
+    normals; ``spread`` of normals over the footprint, or None."""
 
     frame: Frame
     mapped: Any
     shadows: Any
+    tan2: Any
+    spread: Spread | None
 
     def to_local(self, v: Any) -> Any:
         """From the shading frame of the surface to the map's."""
@@ -40,20 +44,51 @@ class ReliefFrame:
         """From the map's frame to the shading frame of the surface."""
         return dr.select(self.mapped, self.frame.to_world(v), v)
 
-    def passes(self, inner: Any, outer: Any) -> Any:
-        """Whether a direction, in the map's frame and in that of the surface, is on the same side of both (Bool)."""
-        return ~self.mapped | (inner.z * outer.z > 0)
+    def transmitted(self, inner: Any, outer: Any) -> Any:
+        """What is left (Float) of light along a direction, given in the map's frame and in that of the surface.
 
-    def shadowing(self, wo: Any) -> Any:
-        """What attenuates light along ``wo`` (in the frame of the surface), so that it ends smoothly where the surface
-        turns away (Estevez, Lecocq and Stein 2019, Ray Tracing Gems, chapter 12)."""
-        alpha2 = dr.fmin(0.125 * _tan2(self.frame.n), 1)
-        return dr.select(self.shadows, 2 / (1 + dr.sqrt(1 + alpha2 * _tan2(wo))), 1)
+        Nothing where it is on different sides of the two; else less the more it grazes, so that light ends smoothly
+        where the surface turns away (Estevez, Lecocq and Stein 2019, Ray Tracing Gems, chapter 12).
+        """
+        alpha2 = dr.fmin(0.125 * self.tan2, 1)
+        shadowing = dr.select(self.shadows, 2 / (1 + dr.sqrt(1 + alpha2 * _tan2(outer))), 1)
+        return dr.select(~self.mapped | (inner.z * outer.z > 0), shadowing, 0)
+
+
+@dataclass
+class Reliefs:
+    """Frames for materials that are ``widened`` by a spread of normals, and for others (``drawn``)."""
+
+    widened: ReliefFrame | None
+    drawn: ReliefFrame | None
+
+    def of(self, leaf: Any) -> ReliefFrame:
+        """That of a table of materials."""
+        found = self.widened if leaf.widens else self.drawn
+        assert found is not None
+        return found
+
+
+@dataclass
+class _Normals:
+    """A map's own normal and tangent in the shading frame, and what is known of slopes in the footprint."""
+
+    n: Any
+    s: Any
+    slopes: Slopes | None = None
+    share: Any = None
+
+    def selected(self, mask: Any, other: _Normals) -> _Normals:
+        result = _Normals(dr.select(mask, self.n, other.n), dr.select(mask, self.s, other.s))
+        if self.slopes is not None and other.slopes is not None:
+            result.slopes = self.slopes.selected(mask, other.slopes)
+            result.share = dr.select(mask, self.share, other.share)
+        return result
 
 
 class ReliefFrames:
     """``entries[i]``: the map of side ``i``, or None. With a filter that heeds footprints (in the settings of
-    ``textures``) frames are those of normals drawn from what the footprint covers: see :mod:`.relief_moments`."""
+    ``textures``) frames are those of the normals that footprints cover: see :mod:`.relief_moments`."""
 
     def __init__(self, entries: Sequence[Relief | None], textures: TextureTable) -> None:
         types = self._types = textures.types
@@ -68,10 +103,8 @@ class ReliefFrames:
             self._moments = ReliefMoments([b.texture for b in bumps], images, types, settings)
             point = None
         self._normals = Bitmaps(images, types, point) if images else None
-        if settings is not None and settings.name == "nearest" and bumps:
-            raise_flat = [replace(b, scale=0.0) for b in bumps]
-        else:
-            raise_flat = bumps
+        # The gradient of a nearest texel is zero.
+        flat = settings is not None and settings.name == "nearest"
         flags, places, scales = [], [], []
         for relief in entries:
             bump = relief is not None and isinstance(relief.bsdf, BumpMapBsdf)
@@ -79,10 +112,9 @@ class ReliefFrames:
             place = 0 if relief is None else [id(b) for b in among].index(id(relief.bsdf))
             places.append(place)
             flags.append(_flags(relief))
-            scales.append(raise_flat[place].scale if bump else 1.0)
+            scales.append((0.0 if flat else bumps[place].scale) if bump else 1.0)
         self._flags = flags
         self._single = len(entries) == 1
-        self._count_bumps = len(bumps)
         records = np.array([flags, places], dtype=np.uint32).T
         self._records: Any = (
             [owned(records[0, k], types.UInt) for k in (0, 1)] if self._single else owned(records, types.UInt)
@@ -90,22 +122,35 @@ class ReliefFrames:
         self._unscaled = all(scale == 1 for scale in scales)
         self._scales = owned(np.array(scales, dtype=types.numpy), types.Float)
 
-    def at(self, si: Any, wi: Any, entry: Any, active: Any) -> ReliefFrame:
-        """The frame at ``si`` seen from ``wi`` (in the shading frame, on the side of ``entry``)."""
+    def at(self, si: Any, wi: Any, entry: Any, active: Any, *, widens: bool = True, draws: bool = True) -> Reliefs:
+        """The frames at ``si`` seen from ``wi`` (in the shading frame, on the side of ``entry``): one to widen
+        materials in, and one for those that cannot be widened, as far as they are asked for."""
         t = self._types
         flags, place = self._record(entry, active)
-        mapped = self._is(flags, 3, (_BUMP, _NORMAL))
-        n, s = t.Array3f(0, 0, 1), t.Array3f(1, 0, 0)
-        behind = self._is(flags, _BEHIND, (_BEHIND,))
+        found = _Normals(t.Array3f(0, 0, 1), t.Array3f(1, 0, 0))
         grain = Grain(si.uv, si.dp_du, si.dp_dv) if si.grain is None else si.grain
         if self._heights is not None:
             here = self._is(flags, 3, (_BUMP,))
-            n, s = self._bumped(si, grain, entry, place, active & here)
+            found = self._bumped(si, grain, entry, place, active & here)
         if self._normals is not None:
             here = self._is(flags, 3, (_NORMAL,))
-            found = self._normal_mapped(si, grain, place, active & here)
-            n, s = (dr.select(here, a, b) for a, b in zip(found, (n, s), strict=True)) if self._heights else found
+            other = self._normal_mapped(si, grain, place, active & here)
+            found = other if self._heights is None else other.selected(here, found)
+        if found.slopes is None:
+            frame = self._frame(flags, wi, found.n, found.s, None)
+            return Reliefs(frame, frame)
+        widened = drawn = None
+        if widens:
+            n = _mixed(found.n, found.slopes.normal(), found.share)
+            widened = self._frame(flags, wi, n, found.s, found.slopes.fading(found.share))
+        if draws:
+            drawn = self._frame(flags, wi, _mixed(found.n, found.slopes.drawn(si), found.share), found.s, None)
+        return Reliefs(widened, drawn)
+
+    def _frame(self, flags: Any, wi: Any, n: Any, s: Any, slopes: Slopes | None) -> ReliefFrame:
+        t = self._types
         if any(f & _BEHIND for f in self._flags):
+            behind = self._is(flags, _BEHIND, (_BEHIND,))
             n = t.Array3f(dr.select(behind, -n.x, n.x), dr.select(behind, -n.y, n.y), n.z)
             s = t.Array3f(s.x, s.y, dr.select(behind, -s.z, s.z))
         if any(f & _FLIP for f in self._flags):
@@ -117,9 +162,15 @@ class ReliefFrames:
         usable = length2 > t.epsilon
         s = dr.select(usable, s * dr.rsqrt(dr.select(usable, length2, 1)), coordinate_system(n)[0])
         frame = Frame(s, dr.cross(n, s), n)
-        return ReliefFrame(frame, mapped, mapped & self._is(flags, _SHADOW, (_SHADOW,)))
+        mapped = self._is(flags, 3, (_BUMP, _NORMAL))
+        tan2 = _tan2(n)
+        spread = None
+        if slopes is not None:
+            tan2 = tan2 + slopes.variance
+            spread = slopes.seen_from(frame).where(mapped)
+        return ReliefFrame(frame, mapped, mapped & self._is(flags, _SHADOW, (_SHADOW,)), tan2, spread)
 
-    def _bumped(self, si: Any, grain: Grain, entry: Any, place: Any, active: Any) -> tuple[Any, Any]:
+    def _bumped(self, si: Any, grain: Grain, entry: Any, place: Any, active: Any) -> _Normals:
         t = self._types
         assert self._heights is not None
         scale = None if self._unscaled else self._scale(entry, active)
@@ -127,24 +178,22 @@ class ReliefFrames:
         gradient = gradient if scale is None else gradient * scale
         dp_du, dp_dv = si.to_local(grain.dp_du), si.to_local(grain.dp_dv)
         along_u, along_v = tangent_slopes(dp_du, dp_dv)
-        slope = along_u * gradient.x + along_v * gradient.y
-        n = _unit(t.Array3f(-slope.x, -slope.y, 1))
+        n = slope_normal(along_u * gradient.x + along_v * gradient.y)
+        # Mitsuba takes the world's dp_du for one in the shading frame; only anisotropic materials show it.
+        found = _Normals(n * dr.mulsign(t.Float(1), dr.dot(si.to_local(si.n), n)), si.dp_du)
         if self._moments is not None and si.footprint is not None:
             axes = (along_u, along_v) if scale is None else (along_u * scale, along_v * scale)
-            n = blended(n, self._moments.bumps(self._heights, place, si, axes, active))
-        n_g = si.to_local(si.n)
-        n = n * dr.mulsign(t.Float(1), dr.dot(n_g, n))
-        # Mitsuba takes the world's dp_du for one in the shading frame; only anisotropic materials show it.
-        return n, si.dp_du
+            found.slopes, found.share = self._moments.bumps(self._heights, place, si, axes, active)
+        return found
 
-    def _normal_mapped(self, si: Any, grain: Grain, place: Any, active: Any) -> tuple[Any, Any]:
+    def _normal_mapped(self, si: Any, grain: Grain, place: Any, active: Any) -> _Normals:
         t = self._types
         assert self._normals is not None
-        n = _unit(self._normals.eval(place, grain.uv, None, active) * 2 - 1)
+        n, s = _unit(self._normals.eval(place, grain.uv, None, active) * 2 - 1), t.Array3f(1, 0, 0)
+        found = _Normals(n, s) if si.grain is None else _Normals(_twisted(n, si, grain), _twisted(s, si, grain))
         if self._moments is not None and si.footprint is not None:
-            n = blended(n, self._moments.normals(place, si, active))
-        s = t.Array3f(1, 0, 0)
-        return (n, s) if si.grain is None else (_twisted(n, si, grain), _twisted(s, si, grain))
+            found.slopes, found.share = self._moments.normals(place, si, active)
+        return found
 
     def _record(self, entry: Any, active: Any) -> Any:
         t = self._types
@@ -194,6 +243,14 @@ def _unit(n: Any) -> Any:
     length2 = dr.squared_norm(n)
     usable = (length2 > 0) & dr.isfinite(length2)
     return dr.select(usable, n * dr.rsqrt(dr.select(usable, length2, 1)), type(n)(0, 0, 1))
+
+
+def _mixed(n: Any, other: Any, share: Any) -> Any:
+    """The unit normal ``n``, replaced by ``other`` to a ``share``."""
+    mixed = dr.fma(other - n, share, n)
+    length2 = dr.squared_norm(mixed)
+    usable = length2 > 0
+    return dr.select(usable, mixed * dr.rsqrt(dr.select(usable, length2, 1)), other)
 
 
 def _twisted(v: Any, si: Any, grain: Grain) -> Any:

@@ -1,9 +1,10 @@
-"""Bump and normal maps over footprints: the normals there are not averaged but drawn from their distribution.
+"""Bump and normal maps over footprints: not only the mean of their normals, which makes a smooth surface of a rough
+one, but how they spread about it.
 
-The mean of the normals in a footprint makes a smooth surface of a rough one. What shading needs is its own mean over
-them, and for that their distribution: the first and second moments of slopes, which filter linearly as colours do
-(Olano and Baker, "LEAN mapping", 2010). One slope is drawn from the Gaussian with the moments of the footprint, and all
-shading there sees a surface of that slope: the expectation is the widened shading, whatever the material.
+The first and second moments of slopes filter linearly, as colours do (Olano and Baker, "LEAN mapping", 2010), by
+whatever filter textures have. Materials that can be widened take the covariance into themselves (``widens``: see
+:mod:`.spread`); others see the surface with one slope drawn from the Gaussian of these moments, whose expectation is
+the widened shading of any material.
 
 Two things differ from that paper. Texels hold the moments of the map as it is *interpolated*, integrated over the
 texel's square (not those of the texel itself, whose variance exceeds that of the interpolation by up to 9/4). And
@@ -21,13 +22,13 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ..rays.random import sample_tea
 from ..scene.description import BitmapTexture, Texture
 from ..textures.bitmap import Bitmaps
 from ..textures.filter_settings import FilterSettings
 from ..textures.uv_transform import UvTransforms
 from ..types import Types, types_of
 from .bump import Heights, height_map, linear_pixels
+from .spread import Slopes
 
 #: Normals of a map that lean farther than this slope (87 degrees) count as leaning so far in its moments.
 STEEPEST = 20.0
@@ -45,11 +46,9 @@ class ReliefMoments:
         )
         self._normals = _Moments(normals, slopes, types, settings) if normals else None
 
-    def bumps(self, heights: Heights, place: Any, si: Any, axes: tuple[Any, Any], active: Any) -> tuple[Any, Any]:
-        """A normal (Array3f) in the shading frame and how far (Float in [0, 1]) it shall replace the map's own.
-
-        ``axes`` take gradients by u and v to slopes.
-        """
+    def bumps(self, heights: Heights, place: Any, si: Any, axes: tuple[Any, Any], active: Any) -> tuple[Slopes, Any]:
+        """The slopes in the footprint, along the axes of the shading frame, and how far (Float in [0, 1]) they shall
+        replace the map's own; ``axes`` take gradients by u and v to slopes."""
         assert self._bumps is not None
         mean, (xx, xy, yy), share = self._bumps.at(place, si, active)
         Vector = type(mean)
@@ -60,13 +59,13 @@ class ReliefMoments:
             p * q * xx + (p * s + q * r) * xy + r * s * yy
             for p, q, r, s in ((a.x, a.x, b.x, b.x), (a.x, a.y, b.x, b.y), (a.y, a.y, b.y, b.y))
         )
-        return _drawn(a * mean.x + b * mean.y, turned, si), share
+        return Slopes(a * mean.x + b * mean.y, *turned), share
 
-    def normals(self, place: Any, si: Any, active: Any) -> tuple[Any, Any]:
+    def normals(self, place: Any, si: Any, active: Any) -> tuple[Slopes, Any]:
         """As :meth:`bumps`, of a normal map."""
         assert self._normals is not None
         mean, covariance, share = self._normals.at(place, si, active)
-        return _drawn(mean, covariance, si), share
+        return Slopes(mean, *covariance), share
 
 
 class _Moments:
@@ -92,15 +91,6 @@ class _Moments:
             v = linear(v)
             longest = dr.fmax(longest, dr.square(v.x * image.width) + dr.square(v.y * image.height))
         return mean, (xx, first.z - mean.x * mean.y, yy), dr.fmin(longest, 1)
-
-
-def blended(n: Any, drawn: tuple[Any, Any]) -> Any:
-    """The unit normal ``n``, replaced by another one to the share that goes with it."""
-    other, share = drawn
-    mixed = dr.fma(other - n, share, n)
-    length2 = dr.squared_norm(mixed)
-    usable = length2 > 0
-    return dr.select(usable, mixed * dr.rsqrt(dr.select(usable, length2, 1)), other)
 
 
 def moments(image: BitmapTexture, values: Any) -> np.ndarray:
@@ -149,31 +139,3 @@ def _tiled(image: BitmapTexture) -> BitmapTexture:
     pixels = np.concatenate([image.pixels, image.pixels[:, ::-1]], axis=1)
     pixels = np.concatenate([pixels, pixels[::-1]], axis=0)
     return replace(image, pixels=pixels, wrap_mode="repeat", to_uv=np.diag([0.5, 0.5, 1.0]) @ image.to_uv)
-
-
-def _drawn(mean: Any, covariance: tuple[Any, ...], si: Any) -> Any:
-    """The normal of a slope drawn from a Gaussian."""
-    types = types_of(mean)
-    xx, xy, yy = covariance
-    a = dr.safe_sqrt(xx)
-    b = dr.select(xx > 0, xy / dr.select(xx > 0, a, 1), 0)
-    b = dr.fmax(dr.fmin(b, dr.safe_sqrt(yy)), -dr.safe_sqrt(yy))
-    c = dr.safe_sqrt(yy - b * b)
-    g0, g1 = _gaussian_pair(si, types)
-    x, y = dr.fma(a, g0, mean.x), mean.y + b * g0 + c * g1
-    n = types.Array3f(-x, -y, 1)
-    return n * dr.rsqrt(dr.squared_norm(n))
-
-
-def _gaussian_pair(si: Any, types: Types) -> tuple[Any, Any]:
-    """Two independent normal deviates (Box and Muller 1958) that depend on nothing but the place of the hit: sampling
-    and evaluating a material there see the same slope, as weighing the two against each other demands."""
-    bits = []
-    for coordinate in (*si.uv, si.t):
-        single = dr.float32_array_t(types.Float)(dr.detach(coordinate))
-        bits.append(dr.reinterpret_array(types.UInt, single))
-    first, second = sample_tea(bits[0] ^ (bits[2] * 0x9E3779B1), bits[1])
-    u, v = ((types.Float(x >> 8) + 0.5) * 2.0**-24 for x in (first, second))
-    radius = dr.sqrt(-2 * dr.log(u))
-    sine, cosine = dr.sincos((2 * math.pi) * v)
-    return radius * cosine, radius * sine

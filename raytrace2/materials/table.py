@@ -22,9 +22,9 @@ from .conductor import Conductor
 from .dielectric import Dielectric
 from .diffuse import Diffuse
 from .mask import Masks, opacities
-from .relief import reliefs
-from .relief_frames import ReliefFrame, ReliefFrames
-from .rough_conductor import RoughConductor
+from .relief import Relief, reliefs
+from .relief_frames import ReliefFrame, ReliefFrames, Reliefs
+from .rough_conductor import RoughConductor, polished
 from .sample import BsdfSample
 from .thin_dielectric import ThinDielectric
 from .twosided import Side, Sides, sides
@@ -56,7 +56,13 @@ class MaterialTable:
         leaves: dict[int, list[Bsdf]] = {}
         known: dict[int, int] = {}
         self._keep = list(bsdfs)
-        pairs = [tuple(None if leaf is None else _enlist(leaf, leaves, known) for leaf in sides(b)) for b in bsdfs]
+        self._polished: dict[int, RoughConductorBsdf] = {}
+        maps = [reliefs(b) for b in bsdfs]
+        widening = textures.settings is not None and textures.settings.needs_footprint
+        both = [sides(b) for b in bsdfs]
+        if widening:
+            both = [tuple(map(self._widenable, *x)) for x in zip(both, maps, strict=True)]  # type: ignore[misc]
+        pairs = [tuple(None if leaf is None else _enlist(leaf, leaves, known) for leaf in pair) for pair in both]
         chains = [opacities(b) for b in bsdfs]
         _check(bsdfs)
         self._leaves = {kind: _KINDS[_ORDER[kind]](leaves[kind], textures) for kind in sorted(leaves)}
@@ -68,7 +74,6 @@ class MaterialTable:
         self.has_refraction = any(isinstance(k, Dielectric) for k in kinds)
         self._all_smooth = all(k.smooth for k in kinds)
         self._masks = Masks(chains, textures) if any(chains) else None
-        maps = [reliefs(b) for b in bsdfs]
         if self._masks or any(back is not None for _, back in pairs) or any(any(pair) for pair in maps):
             smooth = [any(h is not None and self._leaf(h).smooth for h in pair) for pair in pairs]
             self._sides: Sides | None = Sides(pairs, smooth, self.types)  # type: ignore[arg-type]
@@ -111,17 +116,15 @@ class MaterialTable:
             solid = sample1 < opacity
             sample1 = sample1 / dr.select(solid, opacity, 1)
             reached = active & solid
-        relief, wi = self._relief(si, material, side, active)
+        maps = self._maps(si, material, side, active)
         result: Any = None
         for leaf, chosen, here in self._dispatch(side.leaf, reached):
-            one = leaf.sample(si, wi, handles.place_of(side.leaf), sample1, sample2, here)
+            place = handles.place_of(side.leaf)
+            if maps is None:
+                one = leaf.sample(si, side.wi, place, sample1, sample2, here)
+            else:
+                one = _sample_mapped(maps.of(leaf), leaf, si, side.wi, place, sample1, sample2, here)
             result = one if result is None else _select(chosen, one, result)
-        if relief:
-            wo = relief.to_world(result.wo)
-            passes = relief.passes(result.wo, wo)
-            result.weight = dr.select(passes, result.weight * relief.shadowing(wo), 0)
-            result.pdf = dr.select(passes, result.pdf, 0)
-            result.wo = wo
         result.wo = side.turn(result.wo)
         return self._masks.through(si.wi, opacity, solid, result) if self._masks else result
 
@@ -136,17 +139,17 @@ class MaterialTable:
             return value, pdf
         active = t.Bool(active)
         side = self._meet(material, si.wi, active)
-        relief, wi = self._relief(si, material, side, active)
-        outer = side.turn(wo)
-        wo = relief.to_local(outer) if relief else outer
+        maps = self._maps(si, material, side, active)
+        wo = side.turn(wo)
         for leaf, _, here in self._dispatch(side.leaf, active):
             if leaf.smooth:
-                one = leaf.eval_pdf(si, wi, wo, handles.place_of(side.leaf), here)
+                place = handles.place_of(side.leaf)
+                if maps is None:
+                    one = leaf.eval_pdf(si, side.wi, wo, place, here)
+                else:
+                    one = _eval_mapped(maps.of(leaf), leaf, si, side.wi, wo, place, here)
                 value = dr.select(here, one[0], value)
                 pdf = dr.select(here, one[1], pdf)
-        if relief:
-            passes = relief.passes(wo, outer)
-            value, pdf = dr.select(passes, value * relief.shadowing(outer), 0), dr.select(passes, pdf, 0)
         if self._masks:
             opacity = self._masks.opacity(material, si, active)
             return value * opacity, pdf * opacity
@@ -186,18 +189,28 @@ class MaterialTable:
     def shading_normal(self, si: Any, material: Any, active: Any = True) -> Any:
         """The normal (Array3f, world coordinates) that shading works with: the map's, where there is one."""
         side = self._meet(material, si.wi, self.types.Bool(active))
-        relief, _ = self._relief(si, material, side, self.types.Bool(active))
-        if relief is None:
+        maps = self._maps(si, material, side, self.types.Bool(active))
+        if maps is None:
             return si.sh_frame.n
+        relief = maps.widened or maps.drawn
+        assert relief is not None
         n = side.turn(relief.to_world(type(si.wi)(0, 0, 1)))
         return si.to_world(n if side.flipped is None else dr.select(side.flipped, -n, n))
 
-    def _relief(self, si: Any, material: Any, side: Side, active: Any) -> tuple[ReliefFrame | None, Any]:
-        """The frame of the map on a side (None where no material has one), and ``side.wi`` seen from it."""
+    def _widenable(self, leaf: Bsdf | None, relief: Relief | None) -> Bsdf | None:
+        """``leaf``, or for a smooth conductor under a map one that is rough where normals spread."""
+        if relief is None or not isinstance(leaf, ConductorBsdf):
+            return leaf
+        return self._polished.setdefault(id(leaf), polished(leaf))
+
+    def _maps(self, si: Any, material: Any, side: Side, active: Any) -> Reliefs | None:
+        """The frames of the maps on a side; None where no material has one."""
         if self._reliefs is None or self._sides is None:
-            return None, side.wi
-        relief = self._reliefs.at(si, side.wi, self._sides.entry(self.types.UInt(material), side.flipped), active)
-        return relief, relief.to_local(side.wi)
+            return None
+        entry = self._sides.entry(self.types.UInt(material), side.flipped)
+        kinds = self._leaves.values()
+        widens, draws = any(k.widens for k in kinds), any(not k.widens for k in kinds)
+        return self._reliefs.at(si, side.wi, entry, active, widens=widens, draws=draws)
 
     def _meet(self, material: Any, wi: Any, active: Any) -> Side:
         material = self.types.UInt(material)
@@ -214,6 +227,27 @@ class MaterialTable:
 
     def _leaf(self, handle: int) -> Any:
         return self._leaves[handles.kind_of(handle)]
+
+
+def _sample_mapped(
+    relief: ReliefFrame, leaf: Any, si: Any, wi: Any, place: Any, sample1: Any, sample2: Any, active: Any
+) -> BsdfSample:
+    """What ``leaf`` samples in the frame of a map, taken to that of the surface."""
+    more = {} if relief.spread is None else {"spread": relief.spread}
+    one: BsdfSample = leaf.sample(si, relief.to_local(wi), place, sample1, sample2, active, **more)
+    wo = relief.to_world(one.wo)
+    left = relief.transmitted(one.wo, wo)
+    one.weight, one.pdf, one.wo = one.weight * left, dr.select(left > 0, one.pdf, 0), wo
+    return one
+
+
+def _eval_mapped(relief: ReliefFrame, leaf: Any, si: Any, wi: Any, wo: Any, place: Any, active: Any) -> tuple[Any, Any]:
+    """Value and density of ``leaf`` in the frame of a map."""
+    more = {} if relief.spread is None else {"spread": relief.spread}
+    inner = relief.to_local(wo)
+    value, pdf = leaf.eval_pdf(si, relief.to_local(wi), inner, place, active, **more)
+    left = relief.transmitted(inner, wo)
+    return value * left, dr.select(left > 0, pdf, 0)
 
 
 def _select(mask: Any, a: BsdfSample, b: BsdfSample) -> BsdfSample:

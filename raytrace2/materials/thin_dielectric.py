@@ -20,6 +20,7 @@ class ThinDielectric:
     smooth = False
     delta = True
     transmission = True
+    widens = False
 
     def __init__(self, bsdfs: Sequence[ThinDielectricBsdf], textures: TextureTable) -> None:
         self._types = textures.types
