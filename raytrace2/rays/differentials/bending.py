@@ -126,15 +126,15 @@ class _SmoothTriangle:
         usable = active & (length > 0)
         if not shading.all_normals:
             usable &= (flags & HAS_NORMALS) != 0
-        per_length = dr.rsqrt(dr.select(usable, length, 1))
-        self._blend = blend * per_length
-        self._per_length = dr.select(usable, per_length, 0)
+        self._usable = usable
+        self._per_length = dr.rsqrt(dr.select(usable, length, 1))
+        self._blend = blend * self._per_length
 
     def along(self, dp: Any) -> Any:
         """The turn of the blended normal."""
         dp = dp * self._per_size
         turn = dr.fma(self._n1, dr.dot(dp, self._to_b1), self._n2 * dr.dot(dp, self._to_b2)) * self._per_length
-        return dr.fma(self._blend, -dr.dot(self._blend, turn), turn)
+        return dr.select(self._usable, dr.fma(self._blend, -dr.dot(self._blend, turn), turn), 0)
 
 
 def kind_code(shading: Any, si: Any) -> Any:
