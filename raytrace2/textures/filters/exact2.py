@@ -28,8 +28,8 @@ _LEAST_DENSITY = 0.1
 
 
 def exact2(bitmaps: Any, image: Any, uv: Any, footprint: Any, settings: Any, active: Any = True) -> Any:
-    """As :func:`~raytrace2.textures.filters.exact.exact`, which it is to the last bit where second derivatives are 0 or
-    unknown (None), but over the curved footprint.
+    """As :func:`~raytrace2.textures.filters.exact.exact`, but over the curved footprint: the same to the last bit where
+    second derivatives are unknown (None) or, under the box filter, 0.
 
     Second derivatives that together exceed the first ones are scaled down to them: there no series tells the shape.
     """
@@ -63,15 +63,16 @@ def exact2_with_reads(
         )
     else:
         pieces, count = _strips(region, second, look_up.narrow)
+        whole = region.area() / type(uv.x)(count)
+
+        def of_equal_weight(strip: Parallelogram, *cell: Any) -> tuple[Any, ...]:
+            share = whole / strip.area()
+            return tuple(m * share for m in strip.moments(*cell))
+
         total, weight, blocks = integrate(
-            bitmaps, look_up.grid, pieces, count, _of_equal_weight, look_up.walks, look_up.most
+            bitmaps, look_up.grid, pieces, count, of_equal_weight, look_up.walks, look_up.most
         )
     return look_up.value(total, weight), look_up.reads(blocks)
-
-
-def _of_equal_weight(strip: Parallelogram, *cell: Any) -> Any:
-    share = dr.rcp(strip.area())
-    return tuple(m * share for m in strip.moments(*cell))
 
 
 def _tamed(region: Parallelogram, second: list[Any], radius: float) -> list[Any]:
@@ -104,7 +105,9 @@ def _strips(region: Parallelogram, second: list[Any], narrow: Any) -> tuple[Any,
         bend_s, bend_t = 0.5 * s * s + share_s * share_s * (1 / 24), 0.5 * t_ * t_ + share_t * share_t * (1 / 24)
         centre = at + (a * s + b * t_ + aa * bend_s + bb * bend_t)
         edges = (a + aa * s + ab * t_) * share_s, (b + ab * s + bb * t_) * share_t
-        return Parallelogram(centre, *widened(*edges, narrow))
+        strip_a, strip_b = widened(*edges, narrow)
+        # A single strip is the footprint, to the last bit.
+        return Parallelogram(centre, dr.select(strips == 1, a, strip_a), dr.select(strips == 1, b, strip_b))
 
     return piece, t.UInt(strips)
 
