@@ -44,7 +44,7 @@ def direct(
     si = meeting.si
     result = dr.zeros(t.Array3f, width)
     if not settings.hide_emitters:
-        result += met_emission(scene, ray.o, ray, si, t.Float(1), t.Bool(True), active)
+        result += met_emission(scene, ray.o, ray, si, t.Float(1), t.Bool(True), active, differential)
     active &= si.valid
     material = scene.material(si, active)
 
@@ -77,7 +77,7 @@ def direct(
             pdf, alone = sample.pdf * (bsdf_share / light_share), sample.delta
         else:
             pdf, alone = sample.pdf, t.Bool(True)
-        emitted = met_emission(scene, si.p, onward, met, pdf, alone, useful)
+        emitted = met_emission(scene, si.p, onward, met, pdf, alone, useful, left)
         return i + 1, dr.select(useful, result + sample.weight * emitted / settings.bsdf_samples, result), sampler
 
     counter = dr.zeros(t.UInt, width)

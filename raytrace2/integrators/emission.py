@@ -6,6 +6,7 @@ from typing import Any
 
 import drjit as dr
 
+from ..rays.differentials import turns
 from ..rays.ray import Ray
 from ..scene.traced import TracedScene
 from ..surfaces.hit import Hit
@@ -20,11 +21,19 @@ def power_heuristic(a: Any, b: Any) -> Any:
 
 
 def met_emission(
-    scene: TracedScene, origin: Any, ray: Ray, si: SurfaceInteraction, pdf: Any, delta: Any, active: Any
+    scene: TracedScene,
+    origin: Any,
+    ray: Ray,
+    si: SurfaceInteraction,
+    pdf: Any,
+    delta: Any,
+    active: Any,
+    differential: Any = None,
 ) -> Any:
     """Radiance (Array3f) of the light that ``ray`` met or escaped to, weighted against sampling it from ``origin``.
 
     ``pdf`` is the density with which the material chose the ray; where ``delta``, lights could not have been sampled.
+    ``differential`` is that of ``ray``, for images at infinity that are filtered.
     """
     lights = scene.lights
     result = scene.types.Array3f(0)
@@ -35,7 +44,8 @@ def met_emission(
         result += dr.select(shines, lights.radiance_at(si, light, shines) * weight, 0)
     if lights.has_environment:
         escapes = active & ~si.valid
-        radiance, light_pdf = lights.environment_with_pdf(ray.d, escapes)
+        around = turns(ray.d, differential) if lights.filters_environment else None
+        radiance, light_pdf = lights.environment_with_pdf(ray.d, escapes, around)
         weight = power_heuristic(pdf, dr.select(delta, 0, light_pdf))
         result += dr.select(escapes, radiance * weight, 0)
     return result

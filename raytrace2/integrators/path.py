@@ -102,7 +102,7 @@ def _bounce(
     meeting = differentials.meet(structure, s.ray, s.differential, hit)
     si = meeting.si
     if lights.has_area or lights.has_environment:
-        emitted = met_emission(scene, s.origin, s.ray, si, s.pdf, s.delta, s.active)
+        emitted = met_emission(scene, s.origin, s.ray, si, s.pdf, s.delta, s.active, s.differential)
         s.radiance = dr.fma(s.throughput, emitted, s.radiance)
     goes_on = s.active & si.valid & (s.depth + 1 < max_depth)
     material = scene.material(si, goes_on)

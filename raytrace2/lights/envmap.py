@@ -4,6 +4,8 @@ The image has texel centres at phi = 2 pi (x + 1/2) / width, periodic, and at th
 first and last rows are the poles; local y points to the top row and -z to phi = 0. Between centres both the radiance
 and the sampling density are bilinear, and they share the four texels of one lookup. All of this agrees with Mitsuba's
 ``envmap`` but for the density in the two rows of cells at the poles, which is kept above 0.
+
+With a texture filter that heeds footprints, rays that leave the scene see the mean over theirs (:mod:`.filtered_map`).
 """
 
 from __future__ import annotations
@@ -17,8 +19,10 @@ import numpy as np
 
 from ..errors import FileError, Location, Problem, SceneError
 from ..scene import description
+from ..textures.filter_settings import FilterSettings
 from ..types import Types, types_of
 from . import cdf
+from .filtered_map import FilteredMap
 from .infinite import BoundingSphere
 from .sample import LightSample, finite_or_zero, pack
 
@@ -40,11 +44,20 @@ class EnvironmentMap:
     height: Any
     halvings: tuple[int, int]
     rotation: tuple[Any, ...]
+    filtered: FilteredMap | None = None
 
     @staticmethod
-    def build(light: description.EnvironmentLight, sphere: BoundingSphere, types: Types) -> EnvironmentMap:
-        """Raises ``FileError`` for pixels that are not finite, ``SceneError`` for a ``to_world`` that is not a rotation
-        and uniform scale, under which densities would not keep their meaning."""
+    def build(
+        light: description.EnvironmentLight,
+        sphere: BoundingSphere,
+        types: Types,
+        settings: FilterSettings | None = None,
+    ) -> EnvironmentMap:
+        """Looked up as ``settings`` say.
+
+        Raises ``FileError`` for pixels that are not finite, ``SceneError`` for a ``to_world`` that is not a rotation
+        and uniform scale, under which densities would not keep their meaning.
+        """
         radiance = _padded(np.asarray(light.pixels, dtype=np.float64)) * light.scale
         if not np.isfinite(radiance).all() or np.abs(radiance).max() > types.largest:
             raise FileError(
@@ -53,6 +66,7 @@ class EnvironmentMap:
                 remedy="replace those pixels by finite values",
             )
         height, width = radiance.shape[:2]
+        filtered = FilteredMap(radiance, types, settings) if settings is not None and settings.needs_footprint else None
         sines = np.sin(np.arange(height) * (pi / (height - 1)))
         # A density of 0 at the poles would never find a bright pole beside a dark row, and give it unbounded weights.
         sines[[0, -1]] = sin(pi / (4 * (height - 1)))
@@ -75,6 +89,7 @@ class EnvironmentMap:
             height=dr.opaque(types.UInt, height),
             halvings=(cdf.steps(height - 1), cdf.steps(width)),
             rotation=tuple(types.Array3f(*(dr.opaque(types.Float, float(c)) for c in row)) for row in rotation),
+            filtered=filtered,
         )
 
     def sample(self, p: Any, u: Any, active: Any) -> LightSample:
@@ -118,6 +133,15 @@ class EnvironmentMap:
         texel = _bilinear(self._corners(types.UInt(x), types.UInt(y), active), column - x, dr.fmin(row - y, 1))
         pdf = _per_steradian(texel.w, sin_theta)
         return dr.select(active, texel.xyz, 0), dr.select(active, pdf, 0)
+
+    def eval_over(self, d: Any, turns: tuple[Any, Any], active: Any) -> Any:
+        """Radiance (Array3f) from around the world direction ``d``, which changes by ``turns`` (two Array3f) towards
+        the next samples."""
+        assert self.filtered is not None
+        local, right, down = (
+            self.rotation[0] * v.x + self.rotation[1] * v.y + self.rotation[2] * v.z for v in (d, *turns)
+        )
+        return dr.select(active, self.filtered.eval(local, (right, down), active), 0)
 
     def _corners(self, x: Any, y: Any, active: Any) -> list[Any]:
         stride = self.width + 1

@@ -73,7 +73,7 @@ class LightTable:
         area_table = AreaLights.build([shape for _, shape in area], textures, types) if area else None
         environment: list[ConstantEnvironment | EnvironmentMap] = [
             *(ConstantEnvironment.build(x, sphere, types) for x in constant),
-            *(EnvironmentMap.build(x, sphere, types) for x in envmap),
+            *(EnvironmentMap.build(x, sphere, types, textures.settings) for x in envmap),
         ]
         tables: list[tuple[Any, int]] = []
         if area_table:
@@ -161,11 +161,19 @@ class LightTable:
         """The density per steradian with which :meth:`sample` takes the direction ``d`` of the environment."""
         return self.environment_with_pdf(d, active)[1]
 
-    def environment_with_pdf(self, d: Any, active: Any) -> tuple[Any, Any]:
-        """:meth:`environment` and :meth:`pdf_environment` by one lookup."""
+    @property
+    def filters_environment(self) -> bool:
+        """Whether the environment is an image that heeds how directions change from sample to sample."""
+        return isinstance(self.environment_light, EnvironmentMap) and self.environment_light.filtered is not None
+
+    def environment_with_pdf(self, d: Any, active: Any, turns: Any = None) -> tuple[Any, Any]:
+        """:meth:`environment` and :meth:`pdf_environment` by one lookup; ``turns`` (two Array3f) are the changes of
+        ``d`` towards the next samples, over which an image is filtered."""
         if self.environment_light is None:
             return dr.zeros(self.types.Array3f), dr.zeros(self.types.Float)
         radiance, pdf = self.environment_light.eval_pdf(d, active)
+        if turns is not None and isinstance(self.environment_light, EnvironmentMap):
+            radiance = self.environment_light.eval_over(d, turns, active)
         return radiance, pdf * self.chance
 
     def pdf_hit(self, p: Any, si: Any, light: Any, active: Any) -> Any:

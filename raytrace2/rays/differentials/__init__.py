@@ -1,5 +1,6 @@
 """How rays change from one sample to the next, carried from the camera through every bounce. One way a file."""
 
+from .at_infinity import turns
 from .choose import DIFFERENTIALS, Differentials, check_differentials, make_differentials
 from .none import NO_DIFFERENTIALS
 from .state import Meeting, RayDifferential
@@ -13,5 +14,6 @@ __all__ = [
     "RayDifferential",
     "check_differentials",
     "make_differentials",
+    "turns",
     "uv_partials",
 ]
