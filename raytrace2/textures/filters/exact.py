@@ -8,6 +8,7 @@ texture, so that only blocks which the rim cuts are approximate.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import drjit as dr
@@ -15,7 +16,7 @@ import drjit as dr
 from ...types import types_of
 from ..wrap import CLAMP
 from .exact_cells import Parallelogram
-from .exact_kernel import make_kernel
+from .exact_kernel import Kernel, make_kernel
 from .exact_walk import Grid, integrate, make_grid
 from .point import bilinear, nearest
 
@@ -48,7 +49,7 @@ def exact_with_reads(
 ) -> tuple[Any, Any]:
     """As :func:`exact`, and how many numbers a channel it read (UInt)."""
     kernel = make_kernel(settings.pixel)
-    look_up = LookUp(bitmaps, image, uv, footprint.dx, footprint.dy, settings, kernel, active)
+    look_up = LookUp(bitmaps, image, uv, footprint, settings, kernel, active)
     region = look_up.region
     total, weight, blocks = integrate(
         bitmaps, look_up.grid, lambda k: region, None, kernel.moments(look_up.footprint), look_up.walks, look_up.most
@@ -59,19 +60,27 @@ def exact_with_reads(
 class LookUp:
     """What comes before and after the sum over blocks: which level, where on it, and what is no case for a sum.
 
-    ``grid`` and on it the ``footprint`` and the ``region`` (:class:`Parallelogram`) outside of which its kernel is 0;
-    ``walks`` (Bool): there is something to sum.
+    ``grid`` and on it the ``footprint`` and the ``region`` outside of which its kernel is 0;
+    ``walks`` (Bool): there is something to sum. ``second`` (Array2f, texels) widens what is reckoned to be seen.
     """
 
     grid: Grid
 
     def __init__(
-        self, bitmaps: Any, image: Any, uv: Any, dx: Any, dy: Any, settings: Any, kernel: Any, active: Any
-    ) -> None:  # fmt: skip
+        self,
+        bitmaps: Any,
+        image: Any,
+        uv: Any,
+        footprint: Any,
+        settings: Any,
+        kernel: Kernel,
+        active: Any,
+        second: Sequence[Any] = (),
+    ) -> None:
+        dx, dy = footprint.dx, footprint.dy
         t = types_of(uv.x)
         size = t.Array2f(image.width, image.height)
         centre = uv * size
-        reach = 2 * kernel.radius
         extent = dr.abs(dx) + dr.abs(dy)
         finite = (extent.x + extent.y < _LARGEST) & (dr.abs(centre.x) + dr.abs(centre.y) < _LARGEST)
         dx, dy = dr.select(finite, dx, 0), dr.select(finite, dy, 0)
@@ -80,9 +89,11 @@ class LookUp:
         top, reference, self._mean = bitmaps.blocks.ends(image, active)
         if bitmaps.wraps(CLAMP):
             clamped = bitmaps.is_clamped(image)
-            centre, dx, dy = _cut(centre, dx, dy, reach, size, clamped)
-        wide = reach * (dr.abs(dx) + dr.abs(dy))
-        area = reach**2 * dr.abs(dx.x * dy.y - dx.y * dy.x)
+            centre, dx, dy = _cut(centre, dx, dy, 2 * kernel.radius, size, clamped)
+        seen = kernel.support(centre, dx * kernel.radius, dy * kernel.radius)
+        wide, area = seen.extent(), dr.abs(seen.area())
+        for v in second:
+            wide = wide + kernel.radius * dr.abs(v)
         if bitmaps.wraps(CLAMP):
             wide = dr.select(clamped, dr.fmin(wide, size + 2), wide)
             area = dr.select(clamped, dr.fmin(area, wide.x * wide.y), area)
@@ -102,7 +113,7 @@ class LookUp:
         self.scale, self.narrow = found.size, narrow
         a, b = widened(dx / found.size, dy / found.size, narrow)
         self.footprint = Parallelogram(at, a, b)
-        self.region = Parallelogram(at, a * reach, b * reach)
+        self.region = kernel.support(at, a * kernel.radius, b * kernel.radius)
         self._known = bitmaps, image, uv, active, finite
 
     def value(self, total: Any, weight: Any) -> Any:

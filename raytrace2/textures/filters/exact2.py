@@ -16,7 +16,8 @@ import drjit as dr
 from ...types import types_of
 from .exact import LookUp, exact_with_reads, widened
 from .exact_cells import Parallelogram
-from .exact_kernel import make_kernel
+from .exact_ellipse import Region
+from .exact_kernel import Kernel, make_kernel
 from .exact_walk import integrate
 
 _STRIPS = 4
@@ -53,11 +54,13 @@ def exact2_with_reads(
     if footprint.dxx is None:
         return exact_with_reads(bitmaps, image, uv, footprint, settings, active)
     kernel = make_kernel(settings.pixel)
-    look_up = LookUp(bitmaps, image, uv, footprint.dx, footprint.dy, settings, kernel, active)
+    second = _tamed(footprint.dx, footprint.dy, [footprint.dxx, footprint.dxy, footprint.dyy], kernel.radius)
+    look_up = LookUp(bitmaps, image, uv, footprint, settings, kernel, active, second)
     region = look_up.footprint
-    second = _tamed(region, [v / look_up.scale for v in (footprint.dxx, footprint.dxy, footprint.dyy)], kernel.radius)
+    # Once more, because footprints far beyond a clamped image were cut.
+    second = _tamed(region.a, region.b, [v / look_up.scale for v in second], kernel.radius)
     if kernel.sampled:
-        invert, support = _inversion(region, second, kernel.radius)
+        invert, support = _inversion(region, second, kernel)
         total, weight, blocks = integrate(
             bitmaps, look_up.grid, lambda k: support, None, kernel.moments(region, invert), look_up.walks, look_up.most
         )
@@ -75,8 +78,8 @@ def exact2_with_reads(
     return look_up.value(total, weight), look_up.reads(blocks)
 
 
-def _tamed(region: Parallelogram, second: list[Any], radius: float) -> list[Any]:
-    first = dr.norm(region.a) + dr.norm(region.b)
+def _tamed(dx: Any, dy: Any, second: list[Any], radius: float) -> list[Any]:
+    first = dr.norm(dx) + dr.norm(dy)
     size = dr.norm(second[0]) + dr.norm(second[1]) + dr.norm(second[2])
     most = first * (0.5 / radius)
     scale = dr.select(size > most, most / size, 1)
@@ -112,11 +115,10 @@ def _strips(region: Parallelogram, second: list[Any], narrow: Any) -> tuple[Any,
     return piece, t.UInt(strips)
 
 
-def _inversion(region: Parallelogram, second: list[Any], radius: float) -> tuple[Any, Parallelogram]:
+def _inversion(region: Parallelogram, second: list[Any], kernel: Kernel) -> tuple[Any, Region]:
     """The map back from the grid, relative to the support's centre, to (s, t), with the density of (s, t) there; and
-    the support: a parallelogram that the curved footprint fits in."""
-    a, b = region.a, region.b
-    aa, ab, bb = second
+    the support, which the curved footprint fits in."""
+    a, b, radius = region.a, region.b, kernel.radius
     area = a.x * b.y - a.y * b.x
     inverse = dr.rcp(area)
     # Second derivatives in terms of a and b themselves.
@@ -125,10 +127,10 @@ def _inversion(region: Parallelogram, second: list[Any], radius: float) -> tuple
     r2 = radius * radius
     # s + s^2 k/2 runs over an interval of the same length, moved by k/2, as long as it is monotonic; others widen it.
     shift_s, shift_t = r2 * (0.5 * in_s[0] + 0.25 * in_s[2]), r2 * (0.5 * in_t[2] + 0.25 * in_t[0])
-    reach_s = 2 * (radius + r2 * (dr.abs(in_s[1]) + 0.25 * dr.abs(in_s[2])))
-    reach_t = 2 * (radius + r2 * (dr.abs(in_t[1]) + 0.25 * dr.abs(in_t[0])))
+    reach_s = radius + r2 * (dr.abs(in_s[1]) + 0.25 * dr.abs(in_s[2]))
+    reach_t = radius + r2 * (dr.abs(in_t[1]) + 0.25 * dr.abs(in_t[0]))
     shift = a * shift_s + b * shift_t
-    support = Parallelogram(region.centre + shift, a * reach_s, b * reach_t)
+    support = kernel.support(region.centre + shift, a * reach_s, b * reach_t)
 
     def invert(x: Any, y: Any) -> tuple[Any, Any, Any]:
         x, y = x + shift.x, y + shift.y

@@ -12,10 +12,13 @@ import numpy as np
 
 from ...scene.description import ReconstructionFilter
 from .exact_cells import Parallelogram
+from .exact_ellipse import Ellipse, Region
 
 _POINTS = 4
 # The least standard deviation (cells) that the points tell from none.
 _SHARPEST = 0.1
+# Where Gaussians are cut off, in deviations, all around: 0.5 % of their weight is beyond.
+_ROUND_REACH = 3.2
 
 
 @dataclass(frozen=True)
@@ -26,11 +29,16 @@ class Kernel:
     radius: float
     deviation: float
     eval: Callable[[Any], Any] | None = None
+    is_round: bool = False
 
     @property
     def sampled(self) -> bool:
         """Whether integrals are sums over points."""
         return self.eval is not None
+
+    def support(self, centre: Any, a: Any, b: Any) -> Region:
+        """What the filter sees if it reaches from ``centre`` as far as ``a`` and ``b`` (Array2f)."""
+        return Ellipse(centre, a, b) if self.is_round else Parallelogram(centre, 2 * a, 2 * b)
 
     @property
     def narrowest(self) -> float:
@@ -45,7 +53,7 @@ class Kernel:
         invert = invert or _inverse_of(footprint)
         return lambda region, *cell: self._sums(invert, region, *cell)
 
-    def _sums(self, invert: Any, region: Parallelogram, left: Any, bottom: Any, width: Any, height: Any) -> Any:
+    def _sums(self, invert: Any, region: Region, left: Any, bottom: Any, width: Any, height: Any) -> Any:
         assert self.eval is not None
         nodes, weights = np.polynomial.legendre.leggauss(_POINTS)
         half = 0.5 * region.extent()
@@ -91,4 +99,9 @@ def make_kernel(pixel: ReconstructionFilter) -> Kernel:
     assert pixel.name == "gaussian"
     # As the film's: less its value at four deviations, where it ends.
     scale, pedestal = -0.5 / (pixel.stddev**2 * math.log(2)), math.exp(-8)
-    return Kernel(4 * pixel.stddev, pixel.stddev, lambda x: dr.fmax(dr.exp2(dr.square(x) * scale) - pedestal, 0))
+    return Kernel(
+        _ROUND_REACH * pixel.stddev,
+        pixel.stddev,
+        lambda x: dr.fmax(dr.exp2(dr.square(x) * scale) - pedestal, 0),
+        is_round=True,
+    )

@@ -11,7 +11,7 @@ import drjit as dr
 from ...types import types_of
 from ..block_means import Level
 from ..wrap import CLAMP
-from .exact_cells import Parallelogram
+from .exact_ellipse import Region
 
 
 @dataclass
@@ -43,13 +43,13 @@ def make_grid(bitmaps: Any, image: Any, level: Any, centre: Any, reference: Any,
     return Grid(image, level, reference, base, lowest, highest), at - base
 
 
-Moments = Callable[[Parallelogram, Any, Any, Any, Any], tuple[Any, Any, Any, Any]]
+Moments = Callable[[Any, Any, Any, Any, Any], tuple[Any, Any, Any, Any]]
 
 
 def integrate(
     bitmaps: Any,
     grid: Grid,
-    pieces: Callable[[Any], Parallelogram],
+    pieces: Callable[[Any], Region],
     count: Any,
     moments: Moments,
     active: Any,
@@ -105,12 +105,12 @@ def integrate(
     return total, weight, reads
 
 
-def _rows(grid: Grid, piece: Parallelogram) -> tuple[Any, Any]:
+def _rows(grid: Grid, piece: Region) -> tuple[Any, Any]:
     half = 0.5 * piece.extent().y
     return _within(grid, 1, dr.floor(piece.centre.y - half), dr.floor(piece.centre.y + half))
 
 
-def _columns(grid: Grid, piece: Parallelogram, row: Any) -> tuple[Any, Any]:
+def _columns(grid: Grid, piece: Region, row: Any) -> tuple[Any, Any]:
     bottom, top = row, row + 1
     if grid.lowest is not None:
         bottom = dr.select(row <= grid.lowest.y, -dr.inf, bottom)
@@ -126,7 +126,7 @@ def _within(grid: Grid, axis: int, first: Any, last: Any) -> tuple[Any, Any]:
     return dr.fmin(dr.fmax(first, lowest), highest), dr.fmin(dr.fmax(last, lowest), highest)
 
 
-def _cell(grid: Grid, piece: Parallelogram, column: Any, row: Any) -> tuple[Any, Any, Any, Any]:
+def _cell(grid: Grid, piece: Region, column: Any, row: Any) -> tuple[Any, Any, Any, Any]:
     """Left and bottom, width and height of a cell, of endless ones of the part that matters."""
     one = type(column)(1)
     if grid.lowest is None:
