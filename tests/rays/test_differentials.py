@@ -97,9 +97,7 @@ def test_first_order_of_autodiff2_is_that_of_autodiff(bsdf: str) -> None:
 
 def agree(name: str, camera: Any, bsdf: str) -> None:
     material, lobe = BSDFS[bsdf]
-    found = [
-        chain(everything("float64"), camera, way, bsdf=material, lobe=lobe, stops=3) for way in ("autodiff", name)
-    ]
+    found = [chain(everything("float64"), camera, way, bsdf=material, lobe=lobe, stops=3) for way in ("autodiff", name)]
     seen = 0
     for a, b in zip(*found, strict=True):
         seen += int(a.valid.sum())

@@ -13,7 +13,6 @@ from typing import Any
 
 import drjit as dr
 
-from ...surfaces.frame import Frame
 from ...surfaces.interaction import Grain
 from ..ray import Ray
 from .lobes import Lobe
@@ -24,7 +23,11 @@ from .trust import Trust, trusted_footprint, trusted_ray
 
 @dataclass
 class _Memory:
-    tangents: Tangents
+    """How the point and the normal move, to the right and down, and the map of the direction in the moving frame."""
+
+    p: tuple[Any, Any]
+    n: tuple[Any, Any]
+    scattering: Tangents
     trust: Trust
 
 
@@ -47,37 +50,41 @@ class Autodiff:
         tangents = Tangents((ray.o, ray.d), state.directions())
         o, d = tangents.inputs
         moving = structure.interact(Ray.of(o, d, ray.tmin, ray.tmax), hit)
-        what = (moving.uv, moving.p, moving.sh_frame.n, moving.dp_du, moving.dp_dv)
-        (dx, *right), (dy, *down) = tangents.of(what)
+        found = tangents.of((moving.t, moving.sh_frame.n, moving.uv))
         si = dr.detach(moving)
-        steps = (state.d_dx, right[1]), (state.d_dy, down[1])
-        cos_dx, cos_dy = (-dr.dot(d, si.sh_frame.n) - dr.dot(ray.d, n) for d, n in steps)
-        si.footprint, trust = trusted_footprint(structure, si, ray, state, si.wi.z, (cos_dx, cos_dy), dx, dy)
-        # What a surface does with a ray is a map of the ray's direction, the point, the normal and, where a texture
-        # bends that, of the grain: the way by which these were found need not be gone again.
-        turns = [(state.d_dx, *right, si.footprint.dx), (state.d_dy, *down, si.footprint.dy)]
-        onward = Tangents((ray.d, si.p, si.sh_frame.n, si.dp_du, si.dp_dv, si.uv), turns)
-        d, p, n, dp_du, dp_dv, uv = onward.inputs
-        frame = _turning(si.sh_frame, n)
-        scatter = replace(si, p=p, sh_frame=frame, wi=dr.replace_grad(si.wi, frame.to_local(-d)))
-        scatter.grain = Grain(uv, dp_du, dp_dv)
-        return Meeting(si, scatter, _Memory(onward, trust))
+        t = dr.select(si.valid, si.t, 0)
+        p, n, wi = [], [], []
+        for (t_moved, n_moved, _), (o_moved, d_moved) in zip(found, state.directions(), strict=True):
+            p.append(dr.fma(ray.d, dr.select(si.valid, t_moved, 0), dr.fma(d_moved, t, o_moved)))
+            n.append(n_moved)
+            wi.append(si.to_local(_turn(si.sh_frame.n, n_moved, ray.d) - d_moved))
+        changes = wi[0].z, wi[1].z
+        uv_dx, uv_dy = found[0][2], found[1][2]
+        si.footprint, trust = trusted_footprint(structure, si, ray, state, si.wi.z, changes, uv_dx, uv_dy)
+        # What a surface does with a ray is a map of directions in its frame, which itself turns with the normal.
+        scattering = Tangents((si.wi,), [(wi[0],), (wi[1],)])
+        scatter = replace(si, wi=scattering.inputs[0])
+        return Meeting(si, scatter, _Memory((p[0], p[1]), (n[0], n[1]), scattering, trust))
 
     def leave(self, meeting: Meeting, sample: Any, ray: Ray, state: RayDifferential) -> RayDifferential:
         """The differentials of ``ray``, which goes on from the meeting's ``scatter`` as ``sample`` says."""
-        lobe = Lobe.of(meeting.si, sample)
-        cos = sample.wo.z
-        moving = (ray.o, ray.d) if lobe.ratio is None else (ray.o, ray.d, cos)
-        (o_dx, d_dx, *cos_dx), (o_dy, d_dy, *cos_dy) = meeting.memory.tangents.of(moving)
-        moved = RayDifferential(o_dx, d_dx, o_dy, d_dy, state.flags)
-        changes = (cos_dx[0], cos_dy[0]) if cos_dx else (None, None)
-        return trusted_ray(meeting.memory.trust, lobe, sample, dr.detach(cos), changes, moved, ray, self._spacing)
+        memory, si = meeting.memory, meeting.si
+        (wo_dx,), (wo_dy,) = memory.scattering.of((sample.wo,))
+        onward = dr.detach(ray)
+        d_dx, d_dy = (
+            si.to_world(wo) + _turn(si.sh_frame.n, n, onward.d)
+            for wo, n in zip((wo_dx, wo_dy), memory.n, strict=True)
+        )  # fmt: skip
+        moved = RayDifferential(memory.p[0], d_dx, memory.p[1], d_dy, state.flags)
+        changes = wo_dx.z, wo_dy.z
+        lobe = Lobe.of(si, sample)
+        return trusted_ray(memory.trust, lobe, sample, dr.detach(sample.wo.z), changes, moved, onward, self._spacing)
 
 
-def _turning(frame: Frame, n: Any) -> Frame:
-    """``frame`` with derivatives that follow those of its normal ``n``, without a twist: few have a grain."""
-    s, t = (dr.replace_grad(v, v - n * dr.dot(n, v)) for v in (frame.s, frame.t))
-    return Frame(s, t, n)
+def _turn(n: Any, n_moved: Any, v: Any) -> Any:
+    """How a vector ``v`` moves that turns with the unit normal ``n``: (n x n') x v. There is no twist about the normal,
+    as what is smooth has no grain."""
+    return n_moved * dr.dot(n, v) - n * dr.dot(n_moved, v)
 
 
 def moving_ray(camera: Any, position: Any, aperture: Any, step: tuple[Any, Any]) -> tuple[Ray, Tangents]:

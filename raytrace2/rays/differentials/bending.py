@@ -9,6 +9,7 @@ import drjit as dr
 from ...surfaces import record
 from ...surfaces.magnitude import powers_of_two
 from ...surfaces.shading import HAS_NORMALS, Rows
+from ...types import types_of
 
 
 class Bending:
@@ -40,7 +41,7 @@ class Bending:
             self._mesh = _SmoothTriangle(self._shading, self._types, si, p)
         self._round = None
         if round_kinds:
-            self._round = _Round(self._shading, self._types, si, round_kinds, self._code, p, n)
+            self._round = _Round(self._shading, si, round_kinds, self._code, p, n)
 
     def along(self, dp: Any) -> Any:
         """The derivative of the unit shading normal for a step ``dp`` in the tangent plane."""
@@ -63,18 +64,15 @@ class Bending:
 class _Round:
     """Spheres and cylinders, in the coordinates of their group."""
 
-    def __init__(self, shading: Any, types: Any, si: Any, kinds: list[int], code: Any, p: Any, n: Any) -> None:
+    def __init__(self, shading: Any, si: Any, kinds: list[int], code: Any, p: Any, n: Any) -> None:
         self._kinds, self._code, self._n = kinds, code, n
-        words = dr.gather(types.ArrayXf, shading.quadric_rows, si.surface * 2, si.valid, shape=(16, dr.width(si.t)))
+        words = quadric_words(shading, si, 0)
         self._side = words[12]
         if record.SPHERE in kinds:
             a, b, c, _ = Rows(words).rows[0]
             self._per_radius = self._side * dr.rsqrt(_safe(dr.fma(a, a, dr.fma(b, b, c * c))))
         if record.CYLINDER in kinds:
-            inverse = dr.gather(
-                types.ArrayXf, shading.quadric_rows, si.surface * 2 + 1, si.valid, shape=(16, dr.width(si.t))
-            )
-            self._to_local = Rows(inverse)
+            self._to_local = Rows(quadric_words(shading, si, 1))
             at = self._to_local.point(p)
             # The normal maps from the radial unit vector, whose image has this length.
             radial = self._to_local.transposed(type(p)(at.x, at.y, 0))
@@ -139,8 +137,14 @@ class _SmoothTriangle:
 
 def kind_code(shading: Any, si: Any) -> Any:
     """Which kind of primitive each ray met (UInt, as in :mod:`~raytrace2.surfaces.record`; 0 for triangles)."""
-    word = dr.gather(type(si.t), shading.quadric_rows, dr.fma(si.surface, 32, 13), si.valid)
-    return type(si.surface)(word)
+    return type(si.surface)(quadric_words(shading, si, 0)[13])
+
+
+def quadric_words(shading: Any, si: Any, row: int) -> Any:
+    """Sixteen Floats of what each ray met: for ``row`` 0 its map to the world, 1 or -1 for normals that face out or in,
+    and its kind; for ``row`` 1 the inverse map. The packet that the interaction was made of, so read once."""
+    index = si.surface * 2 + row if row else si.surface * 2
+    return dr.gather(types_of(si.t).ArrayXf, shading.quadric_rows, index, si.valid, shape=(16, dr.width(si.t)))
 
 
 def instance_maps(shading: Any, si: Any) -> tuple[Any, Any]:

@@ -12,7 +12,7 @@ from ...surfaces.hit import Hit
 from ...surfaces.shading import Rows
 from ...types import types_of
 from ..ray import Ray
-from .bending import instance_maps, kind_code
+from .bending import instance_maps, kind_code, quadric_words
 
 #: A surface that a ray meets behind itself or beyond this many times the other's distance counts as met there.
 FARTHEST = 16
@@ -35,10 +35,7 @@ def extended_hit(structure: Any, si: Any, hit: Hit, ray: Ray) -> tuple[Hit, Any]
     if shading.quadric_kinds:
         code = kind_code(shading, si)
         on_mesh = si.valid & (code == record.TRIANGLE)
-        words = dr.gather(
-            types.ArrayXf, shading.quadric_rows, si.surface * 2 + 1, si.valid, shape=(16, dr.width(si.t))
-        )
-        local = Rows(words)
+        local = Rows(quadric_words(shading, si, 1))
         a, b = local.point(o), local.vector(d)
         entering = dr.dot(si.n, ray.d) * _turned_in(shading, si) < 0
         for kind in shading.quadric_kinds:
@@ -57,8 +54,7 @@ def extended_hit(structure: Any, si: Any, hit: Hit, ray: Ray) -> tuple[Hit, Any]
 
 def _turned_in(shading: Any, si: Any) -> Any:
     """-1 where normals point inwards, 1 elsewhere."""
-    word = dr.gather(type(si.t), shading.quadric_rows, dr.fma(si.surface, 32, 12), si.valid)
-    return dr.select(word < 0, type(si.t)(-1), 1)
+    return dr.select(quadric_words(shading, si, 0)[12] < 0, type(si.t)(-1), 1)
 
 
 def _plane(o: Any, d: Any, limit: Any) -> tuple[Any, Any, Any]:
@@ -77,9 +73,7 @@ def _ball(o: Any, d: Any, entering: Any, *, flat: bool) -> tuple[Any, Any]:
     return nearest + dr.select(entering, -half_chord, half_chord), room > 0
 
 
-def _triangle(
-    shading: Any, types: Any, si: Any, active: Any, o: Any, d: Any, limit: Any
-) -> tuple[Any, Any, Any]:
+def _triangle(shading: Any, types: Any, si: Any, active: Any, o: Any, d: Any, limit: Any) -> tuple[Any, Any, Any]:
     face = si.prim
     if shading.many_surfaces:
         face = face + dr.gather(types.UInt, shading.first_face, si.surface, active)

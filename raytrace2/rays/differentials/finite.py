@@ -10,8 +10,8 @@ import drjit as dr
 from ..ray import Ray
 from .extended import extended_hit
 from .lobes import Lobe
-from .state import Meeting
-from .trust import FOLDED, SILHOUETTE, TOTAL_REFLECTION, angles, finished, flag
+from .state import Meeting, RayDifferential
+from .trust import FOLDED, SILHOUETTE, TOTAL_REFLECTION, angles, finished, flag, folding
 from .widening import widened
 
 
@@ -61,7 +61,7 @@ class Finite:
         """The interaction, with the footprint there."""
         si = structure.interact(ray, hit)
         flags = state.flags
-        met, steps, cross = [], [], []
+        met, steps, apart = [], [], []
         for o, d in state.rays():
             beside = Ray.of(o, d, 0.0, ray.tmax)
             there, meets = extended_hit(structure, si, hit, beside)
@@ -70,13 +70,13 @@ class Finite:
             flags = flags | flag(missed & si.valid, SILHOUETTE)
             met.append(other)
             steps.append(other.uv - si.uv)
-            cross.append((o - ray.o, other.p - si.p))
+            apart += [o - ray.o, d - ray.d]
         turns = angles(structure, si)
         if turns is not None:
             _, around_u, around_v = turns(*steps)
             steps = [_shorter_way(v, around_u, around_v) for v in steps]
-        folded = flag(_crossed(ray.d, cross) & si.valid, FOLDED)
-        si.footprint = finished(structure, si, steps[0], steps[1], flags | folded)
+        folded, _, _ = folding(ray, RayDifferential(*apart, flags), si)
+        si.footprint = finished(structure, si, steps[0], steps[1], flags | flag(folded & si.valid, FOLDED))
         return Meeting(si, si, _Memory(met, flags))
 
     def leave(self, meeting: Meeting, sample: Any, ray: Ray, state: OffsetRays) -> OffsetRays:
@@ -87,7 +87,9 @@ class Finite:
         cos = dr.dot(ray.d, si.sh_frame.n)
         delta = dr.detach(sample.delta)
         directions = []
-        for (_, d), other, wide in zip(state.rays(), memory.met, widened(ray.d, sample.pdf, self._spacing), strict=True):
+        for (_, d), other, wide in zip(
+            state.rays(), memory.met, widened(ray.d, sample.pdf, self._spacing), strict=True
+        ):
             n = other.sh_frame.n
             onward = lobe.onward(d, n)
             if lobe.ratio is not None:
@@ -106,12 +108,6 @@ def _shorter_way(v: Any, around_u: Any, around_v: Any) -> Any:
         dr.select(around_u, v.x - dr.round(v.x), v.x),
         dr.select(around_v, v.y - dr.round(v.y), v.y),
     )
-
-
-def _crossed(d: Any, beside: list[tuple[Any, Any]]) -> Any:
-    """Whether the three rays span areas of opposite signs where they leave and where they arrive."""
-    (o_x, p_x), (o_y, p_y) = beside
-    return dr.dot(d, dr.cross(o_x, o_y)) * dr.dot(d, dr.cross(p_x, p_y)) < 0
 
 
 def _finite(v: Any) -> Any:

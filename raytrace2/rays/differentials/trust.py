@@ -59,7 +59,7 @@ def trusted_footprint(
     ``changes`` to the right and down."""
     edge, shrink_x, shrink_y = vanishing(cos, *changes)
     flags = state.flags | flag(edge & si.valid, SILHOUETTE)
-    folded, grow_x, grow_y = _folding(ray, state, si)
+    folded, grow_x, grow_y = folding(ray, state, si)
     dx, dy = dx * (shrink_x * grow_x), dy * (shrink_y * grow_y)
     footprint = finished(structure, si, dx, dy, flags | flag(folded & si.valid, FOLDED))
     return footprint, Trust(flags, shrink_x, shrink_y)
@@ -137,8 +137,8 @@ def flag(where: Any, bit: int) -> Any:
     return dr.select(where, dr.uint32_array_t(type(where))(bit), 0)
 
 
-def _folding(ray: Ray, state: RayDifferential, si: Any) -> tuple[Any, Any, Any]:
-    """Where neighbouring rays cross (Bool), and by what the changes to the right and down fall short of the least."""
+def folding(ray: Ray, state: RayDifferential, si: Any) -> tuple[Any, Any, Any]:
+    """Where neighbouring rays cross (Bool), and by what to lengthen changes to the right and down that fall short."""
     t = dr.select(si.valid, si.t, 0)
     x, y = state.d_dx * t, state.d_dy * t
     # det(o + t d) in the plane across the ray, as the sum of three triple products.
