@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import drjit as dr
 import numpy as np
 import pytest
 
@@ -132,3 +133,21 @@ def test_constants_stay() -> None:
     bitmaps = Bitmaps([BitmapTexture(pixels)], T32, FilterSettings("exact2"))
     value = np.array(bitmaps.eval(T32.UInt(0), T32.Array2f(0.1, 0.2), Footprint(*vectors), T32.Bool(True)))
     assert (value == np.float32(1 / 3)).all()
+
+
+@pytest.mark.parametrize("name", ["exact", "exact2"])
+@pytest.mark.parametrize("pixel", ["box", "gaussian"])
+def test_within_a_symbolic_loop(name: str, pixel: str) -> None:
+    s = FilterSettings(name, pixel=ReconstructionFilter(pixel))  # type: ignore[arg-type]
+    bitmaps = Bitmaps([BitmapTexture(PIXELS), BitmapTexture(PIXELS[:20], wrap_mode="clamp")], T32, s)
+    rng = np.random.default_rng(6)
+    which = T32.UInt(rng.integers(0, 2, 200))
+    uv, *vectors = (T32.Array2f((rng.normal(size=(2, 200)) * scale).astype(np.float32)) for scale in (1, *[0.1] * 5))
+    active = T32.Bool(True)
+    expected = bitmaps.eval(which, uv, Footprint(*vectors), active)
+
+    def body(i: Any, total: Any) -> tuple[Any, Any]:
+        return i + 1, total + bitmaps.eval(which, uv, Footprint(*vectors), active)
+
+    _, total = dr.while_loop((dr.zeros(T32.UInt, 200), dr.zeros(T32.Float, 200)), lambda i, total: i < 2, body)
+    assert np.allclose(np.array(total), 2 * np.array(expected), rtol=1e-5)
