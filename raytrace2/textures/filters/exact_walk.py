@@ -28,7 +28,7 @@ class Grid:
     highest: Any
 
 
-def make_grid(bitmaps: Any, image: Any, level: Any, centre: Any, reference: Any, active: Any) -> tuple[Grid, Any]:
+def make_grid(bitmaps: Any, image: Any, level: Any, centre: Any, reference: Any) -> tuple[Grid, Any]:
     """The grid of ``level`` (:class:`~raytrace2.textures.block_means.Level`) about ``centre`` (Array2f, texels), and
     ``centre`` on it (Array2f)."""
     at = (centre - level.start) / level.size
