@@ -6,8 +6,9 @@
 Rays go through the middle of every pixel to the first surface that is neither mirror nor glass. There the footprint in
 float32 is compared with central differences of float64 rays 1e-6 of the film apart, where those meet the same
 primitives; the error is that of both vectors, relative to both, in pixels without a flag. `distance` and `cone` know no
-directions: for them it is that of the ellipse, |sqrt(J J') - sqrt(T T')| / |sqrt(T T')|. After a diffuse bounce there is no truth of this kind:
-the float64 result of `autodiff` stands for it, so that its column tells of how that bounce's rule is met.
+directions: for them it is that of the ellipse, |sqrt(J J') - sqrt(T T')| / |sqrt(T T')|. After a diffuse bounce there
+is no truth of this kind: the float64 result of `autodiff` stands for it, so that its column tells
+of how that bounce's rule is met.
 
 Writes differentials.md and differentials.png: for a grid of pixels what each way takes a pixel's disk for, seen back in
 the image. A way without error draws circles; flagged footprints are red.

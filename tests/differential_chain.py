@@ -71,9 +71,10 @@ def derivatives(position: Any, camera: PerspectiveCamera, step: float) -> tuple[
     """Those of ``position(o, d)`` (2, n) by ``step`` to the right and down, to the last digits: by complex steps."""
     x, y = places()
     h = 1e-30
-    return tuple(  # type: ignore[return-value]
+    right, down = (
         position(*through(camera, x + dx * 1j * h, y + dy * 1j * h)).imag.T / h * step for dx, dy in ((1, 0), (0, 1))
     )
+    return right, down
 
 
 def chain(

@@ -18,7 +18,8 @@ _AXES = ("X", "Y", "Z")
 _COLORS = ("R", "G", "B")
 _UV = ("U", "V")
 #: The kinds of ``aovs`` and the channel suffixes of each, as Mitsuba names them; those of ``accel.`` are our own, and
-#: tell how many volumes, nodes and primitives of the structure each ray met on its way, misses included.
+#: tell how many volumes, nodes and primitives of the structure each ray met on its way, misses included. So is
+#: ``footprint_flags``: the sum of the bits of :mod:`~raytrace2.rays.differentials.trust`, 0 without differentials.
 CHANNELS: dict[str, tuple[str, ...]] = {
     "albedo": _COLORS,
     "depth": ("T",),
@@ -30,6 +31,7 @@ CHANNELS: dict[str, tuple[str, ...]] = {
     "dp_dv": _AXES,
     "duv_dx": _UV,
     "duv_dy": _UV,
+    "footprint_flags": ("N",),
     "prim_index": ("I",),
     "shape_index": ("I",),
     "accel.volumes": ("N",),
@@ -105,6 +107,8 @@ def _value(
         return [scene.shape_index(si)]
     if kind == "albedo":
         return list(scene.materials.albedo(si, scene.material(si, si.valid), si.valid))
+    if kind == "footprint_flags":
+        return [0 if si.footprint is None else si.footprint.flags]
     if si.footprint is not None:
         return list(si.footprint.dx if kind == "duv_dx" else si.footprint.dy)
     assert offset_rays is not None

@@ -8,7 +8,7 @@ from .reading import PropertyReader, Reading
 
 AOV_KINDS = (
     "albedo", "depth", "position", "uv", "geo_normal", "sh_normal", "dp_du", "dp_dv", "duv_dx", "duv_dy",
-    "prim_index", "shape_index", "accel.volumes", "accel.nodes", "accel.primitives",
+    "footprint_flags", "prim_index", "shape_index", "accel.volumes", "accel.nodes", "accel.primitives",
 )  # fmt: skip
 
 

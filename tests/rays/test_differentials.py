@@ -8,13 +8,14 @@ import drjit as dr
 import numpy as np
 import pytest
 from differential_chain import MIRROR, Stop, chain, look, perspective
-from render_cases import rgb, scene
 from render_cases import camera as camera_dict
+from render_cases import rgb, scene
 
 import raytrace2 as rt
 from raytrace2.rays.differentials.choose import DIFFERENTIALS
 from raytrace2.rays.differentials.trust import FOLDED, LONGEST, SEAM, SILHOUETTE, TOTAL_REFLECTION
 from raytrace2.scene.description import (
+    Bsdf,
     ConductorBsdf,
     DielectricBsdf,
     DiffuseBsdf,
@@ -35,7 +36,7 @@ CAMERAS = {
     ),
     "orthographic": OrthographicCamera(to_world=look(EYE, TARGET) @ np.diag([2.2, 2.2, 2.2, 1.0]), film=FILM),
 }
-BSDFS = {
+BSDFS: dict[str, tuple[Bsdf, float]] = {
     "mirror": (MIRROR, 0.0),
     "glass, reflected": (DielectricBsdf(1.5, 1.0), 0.0),
     "glass, refracted": (DielectricBsdf(1.5, 1.0), 0.9999),
@@ -131,7 +132,8 @@ def test_second_order_is_what_differences_of_the_first_go_to() -> None:
     camera, glass = CAMERAS["perspective"], DielectricBsdf(1.5, 1.0)
     surfaces = [rt.Sphere.at((0.1, 0, 0.3), 0.9), rt.Rectangle(turned(0, 0, -3, 0, 90, 90, 1))]
     x, y = np.meshgrid(np.linspace(0.42, 0.58, 8), np.linspace(0.45, 0.6, 8))
-    x, y, h = x.ravel(), y.ravel(), 1e-5
+    x, y = x.ravel(), y.ravel()  # type: ignore[assignment]
+    h = 1e-5
 
     def run(dx: float, dy: float, name: str) -> Stop:
         return chain(surfaces, camera, name, bsdf=glass, stops=3, where=(x + dx, y + dy))[2]
@@ -190,7 +192,7 @@ def test_flags_are_where_they_belong(name: str) -> None:
     assert flags_at(SEAM, name, [pole], [(0.501, 0.501), (0.62, 0.58)]) == [True, False]
     if name != "finite":
         # A beam from afar has its focus at the back of a ball of index 2, and beyond one of index 1.5.
-        setting = {"bsdf": DielectricBsdf(1.5, 1.0), "stop": 1}
+        setting: dict[str, Any] = {"bsdf": DielectricBsdf(1.5, 1.0), "stop": 1}
         assert flags_at(FOLDED, name, ball, [(0.501, 0.501)], **setting) == [False]
         far = perspective((0, -4000, 0), (0, 0, 0), fov=0.04)
         found = chain(
@@ -210,7 +212,7 @@ def test_flags_are_where_they_belong(name: str) -> None:
 
 def test_a_scene_whose_textures_do_not_filter_pays_nothing() -> None:
     """The kernel holds as many operations with differentials as without."""
-    things = {
+    things: dict[str, Any] = {
         "ball": {"type": "sphere", "bsdf": {"type": "dielectric"}},
         "light": {"type": "constant"},
         "floor": {"type": "rectangle", "bsdf": {"type": "diffuse", "reflectance": rgb(0.5)}},

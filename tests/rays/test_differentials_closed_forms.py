@@ -18,7 +18,7 @@ ETA = 1.5
 
 
 def plane(z: float, half: float = 60.0, *, down: bool = False) -> rt.Rectangle:
-    """The plane at height ``z``: uv of x and y are x / (2 half) + 1/2 and y / (2 half) + 1/2, x mirrored if ``down``."""
+    """The plane at height ``z``: u = x / (2 half) + 1/2 and so v of y; turned over, x and all, if ``down``."""
     matrix = np.diag([-half if down else half, half, -half if down else half, 1.0])
     matrix[2, 3] = z
     return rt.Rectangle(matrix)

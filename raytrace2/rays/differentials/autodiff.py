@@ -13,7 +13,6 @@ from typing import Any
 
 import drjit as dr
 
-from ...surfaces.interaction import Grain
 from ..ray import Ray
 from .lobes import Lobe
 from .state import Meeting, RayDifferential

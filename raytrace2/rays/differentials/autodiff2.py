@@ -110,7 +110,8 @@ class Autodiff2:
         (o_dxx, o_dxy, d_dxx, d_dxy, cos_dx), (_, o_dyy, _, d_dyy, cos_dy) = memory.tangents.of(
             (*memory.p, d_dx, d_dy, type(ray.d.x)(sample.wo.z))
         )
-        moved = RayDifferential(*(dr.detach(v) for v in (memory.p[0], d_dx, memory.p[1], d_dy)), state.flags)
+        o_dx, d_dx, o_dy, d_dy = (dr.detach(v) for v in (memory.p[0], d_dx, memory.p[1], d_dy))
+        moved = RayDifferential(o_dx, d_dx, o_dy, d_dy, state.flags)
         changes = cos_dx, cos_dy
         first = trusted_ray(
             memory.trust, lobe, sample, dr.detach(sample.wo.z), changes, moved, dr.detach(ray), self._spacing

@@ -1,9 +1,9 @@
 """Ray cones: a width and an angle, with the curvature of what is met (Akenine-Moeller et al., "Improved Shader and
 Texture Level of Detail Using Ray Cones", Journal of Computer Graphics Techniques 10(1), 2021).
 
-A footprint is the ellipse in which the cone cuts the tangent plane. At a mirror the angle grows by twice the turn of the
-normal over the width, and at glass by what refraction makes of that (the article stops at mirrors); curvature is the
-mean of that along and across the plane of incidence. Cones are round: astigmatism is what they do not know.
+A footprint is the ellipse in which the cone cuts the tangent plane. At a mirror the angle grows by twice the turn of
+the normal over the width, and at glass by what refraction makes of that (the article stops at mirrors); curvature is
+the mean of that along and across the plane of incidence. Cones are round: astigmatism is what they do not know.
 """
 
 from __future__ import annotations

@@ -21,8 +21,8 @@ FARTHEST = 16
 def extended_hit(structure: Any, si: Any, hit: Hit, ray: Ray) -> tuple[Hit, Any]:
     """``hit`` for ``ray``, and whether it meets the surface at all (Bool).
 
-    ``si`` is where the other ray met it: the plane of a triangle, a rectangle or a disk, or the same side of a sphere or
-    a cylinder. Where a ball is missed, its nearest point stands for the hit.
+    ``si`` is where the other ray met it: the plane of a triangle, a rectangle or a disk, or the same side of a sphere
+    or a cylinder. Where a ball is missed, its nearest point stands for the hit.
     """
     shading, types = structure.geometry.shading, structure.types
     o, d = ray.o, ray.d

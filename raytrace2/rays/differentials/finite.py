@@ -75,7 +75,7 @@ class Finite:
         if turns is not None:
             _, around_u, around_v = turns(*steps)
             steps = [_shorter_way(v, around_u, around_v) for v in steps]
-        folded, _, _ = folding(ray, RayDifferential(*apart, flags), si)
+        folded, _, _ = folding(ray, RayDifferential(apart[0], apart[1], apart[2], apart[3], flags), si)
         si.footprint = finished(structure, si, steps[0], steps[1], flags | flag(folded & si.valid, FOLDED))
         return Meeting(si, si, _Memory(met, flags))
 

@@ -14,8 +14,8 @@ import drjit as dr
 
 @dataclass
 class Lobe:
-    """What a sample did with its ray: went straight on where ``null``, through the surface where ``transmitted`` (Bools)
-    and off it elsewhere. ``ratio`` is the index of refraction on the side of the old ray over that of the new one, and
+    """What a sample did with its ray: straight on where ``null``, through the surface where ``transmitted`` (Bools) and
+    off it elsewhere. ``ratio`` is the index of refraction on the side of the old ray over that of the new one, and
     None where nothing refracts."""
 
     null: Any

@@ -11,8 +11,8 @@ Four flags, each with a rule on quantities of first order, and what is done so t
     The same of the cosine of a refracted ray; that of its direction is shrunk.
 ``FOLDED``
     The cross-section of the beam is less than a sixteenth of the terms that cancel in it (det(o + t d) is a polynomial
-    in t, and caustics are where it vanishes): neighbouring rays cross here. Both vectors of the footprint are kept at no
-    less than a sixteenth of *their* terms, |o| + t |d|. The ray goes on as it was.
+    in t, and caustics are where it vanishes): neighbouring rays cross here. Both vectors of the footprint are kept at
+    no less than a sixteenth of *their* terms, |o| + t |d|. The ray goes on as it was.
 ``SEAM``
     A pole, or the line where an angle starts again, lies within the footprint. No angle changes by more than a turn.
 
@@ -111,8 +111,8 @@ def finished(structure: Any, si: Any, dx: Any, dy: Any, flags: Any) -> Footprint
 
 
 def angles(structure: Any, si: Any) -> Any:
-    """None where no surface has an angle for a coordinate; else what tells, for a footprint, whether a seam or a pole is
-    within it, and where u and where v is an angle (Bools)."""
+    """None where no surface has an angle for a coordinate; else what tells, for a footprint, whether a seam or a pole
+    is within it, and where u and where v is an angle (Bools)."""
     shading = structure.geometry.shading
     kinds = [k for k in shading.quadric_kinds if k in (record.SPHERE, record.DISK, record.CYLINDER)]
     if not kinds:
