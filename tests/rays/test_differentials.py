@@ -7,7 +7,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 import pytest
-from differential_chain import MIRROR, Stop, chain, look, perspective
+from differential_chain import MIRROR, Stop, chain, look, perspective, places
 from render_cases import camera as camera_dict
 from render_cases import rgb, scene
 
@@ -15,12 +15,15 @@ import raytrace2 as rt
 from raytrace2.rays.differentials.choose import DIFFERENTIALS
 from raytrace2.rays.differentials.trust import FOLDED, LONGEST, SEAM, SILHOUETTE, TOTAL_REFLECTION
 from raytrace2.scene.description import (
+    BitmapTexture,
     Bsdf,
+    BumpMapBsdf,
     ConductorBsdf,
     DielectricBsdf,
     DiffuseBsdf,
     Film,
     MaskBsdf,
+    NormalMapBsdf,
     OrthographicCamera,
     ThinDielectricBsdf,
     ThinLensCamera,
@@ -142,9 +145,34 @@ def test_second_order_is_what_differences_of_the_first_go_to() -> None:
     plain = here.valid & (here.flags == 0) & (right.flags == 0) & (left.flags == 0)
     assert plain.sum() >= 20
     for found, a, b in ((here.second[0], right.dx, left.dx), (here.second[1], right.dy, left.dy)):
-        expected = (a - b) / (2 * h) / 64
-        off = np.linalg.norm(found - expected, axis=1) / np.linalg.norm(expected, axis=1)
-        assert np.median(off[plain]) < 1e-6
+        expected = ((a - b) / (2 * h) / 64)[plain]
+        off = np.linalg.norm(found[plain] - expected, axis=1) / np.linalg.norm(expected, axis=1)
+        assert np.median(off) < 1e-6
+
+
+@pytest.mark.parametrize("kind", [BumpMapBsdf, NormalMapBsdf])
+def test_autodiff_knows_how_maps_bend_normals(kind: Any) -> None:
+    """A mirror ball with a relief: its footprints are what small differences of uv go to."""
+    v, u = np.meshgrid(np.arange(8), np.arange(8), indexing="ij")
+    waves = np.stack([np.sin(0.8 * u), np.cos(0.8 * v), 0 * u + 9.0], axis=2) * 0.05 + 0.5
+    image = BitmapTexture(waves if kind is NormalMapBsdf else waves[:, :, :1] * 0.3, raw=True)
+    surfaces = [rt.Sphere.at((0.1, 0, 0.3), 1.4), rt.Rectangle(turned(0, 0, -3, 0, 90, 90, 1))]
+    x, y = places(16)
+    h = 1e-7
+
+    def run(dx: float, dy: float) -> Stop:
+        where = x + dx, y + dy
+        return chain(surfaces, CAMERAS["perspective"], "autodiff", bsdf=kind(MIRROR, image), lobe=0.0, where=where)[1]
+
+    here, right, left, down, up = (run(*d) for d in ((0, 0), (h, 0), (-h, 0), (0, h), (0, -h)))
+    plain = here.valid & (here.flags == 0) & (here.met[:, 0] == 1)
+    for other in (right, left, down, up):
+        plain &= other.valid & (other.met == here.met).all(axis=1)
+    assert plain.sum() > 30
+    dx, dy = (right.uv - left.uv) / (2 * h * 64), (down.uv - up.uv) / (2 * h * 64)
+    size = np.hypot(np.linalg.norm(dx, axis=1), np.linalg.norm(dy, axis=1))
+    off = np.hypot(np.linalg.norm(here.dx - dx, axis=1), np.linalg.norm(here.dy - dy, axis=1)) / size
+    assert np.median(off[plain]) < 1e-6
 
 
 @pytest.mark.parametrize("name", [n for n in DIFFERENTIALS if n != "none"])

@@ -2,6 +2,8 @@
 
 Section 3.1's transfer, reflection and refraction, with the normal derivatives that each kind of surface needs. (Where
 the paper refracts, its direction is divided by the ratio of indices; programs that multiply have a fault.)
+Normals that a bump or normal map bends are not in these formulas: rays leave along the mapped normal, but their
+differentials along that of the surface.
 """
 
 from __future__ import annotations

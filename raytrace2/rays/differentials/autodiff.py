@@ -13,6 +13,7 @@ from typing import Any
 
 import drjit as dr
 
+from ...surfaces.interaction import Grain
 from ..ray import Ray
 from .lobes import Lobe
 from .state import Meeting, RayDifferential
@@ -49,20 +50,26 @@ class Autodiff:
         tangents = Tangents((ray.o, ray.d), state.directions())
         o, d = tangents.inputs
         moving = structure.interact(Ray.of(o, d, ray.tmin, ray.tmax), hit)
-        found = tangents.of((moving.t, moving.sh_frame.n, moving.uv))
+        found = tangents.of((moving.t, moving.sh_frame.n, moving.uv, moving.dp_du, moving.dp_dv))
         si = dr.detach(moving)
         t = dr.select(si.valid, si.t, 0)
-        p, n, wi = [], [], []
-        for (t_moved, n_moved, _), (o_moved, d_moved) in zip(found, state.directions(), strict=True):
+        p, n, inputs = [], [], []
+        for (t_moved, n_moved, *grain), (o_moved, d_moved) in zip(found, state.directions(), strict=True):
             p.append(dr.fma(ray.d, dr.select(si.valid, t_moved, 0), dr.fma(d_moved, t, o_moved)))
             n.append(n_moved)
-            wi.append(si.to_local(_turn(si.sh_frame.n, n_moved, ray.d) - d_moved))
-        changes = wi[0].z, wi[1].z
+            wi = si.to_local(_turn(si.sh_frame.n, n_moved, ray.d) - d_moved)
+            tangent, other = (
+                v - _turn(si.sh_frame.n, n_moved, w) for v, w in zip(grain[1:], (si.dp_du, si.dp_dv), strict=True)
+            )
+            inputs.append((wi, grain[0], tangent, other))
+        changes = inputs[0][0].z, inputs[1][0].z
         uv_dx, uv_dy = found[0][2], found[1][2]
         si.footprint, trust = trusted_footprint(structure, si, ray, state, si.wi.z, changes, uv_dx, uv_dy)
-        # What a surface does with a ray is a map of directions in its frame, which itself turns with the normal.
-        scattering = Tangents((si.wi,), [(wi[0],), (wi[1],)])
-        scatter = replace(si, wi=scattering.inputs[0])
+        # What a surface does with a ray is a map of directions in its frame, which itself turns with the normal; and
+        # where a texture bends normals, of the grain, as it moves in that frame.
+        scattering = Tangents((si.wi, si.uv, si.dp_du, si.dp_dv), inputs)
+        wi, *grain = scattering.inputs
+        scatter = replace(si, wi=wi, grain=Grain(*grain))
         return Meeting(si, scatter, _Memory((p[0], p[1]), (n[0], n[1]), scattering, trust))
 
     def leave(self, meeting: Meeting, sample: Any, ray: Ray, state: RayDifferential) -> RayDifferential:
@@ -81,8 +88,8 @@ class Autodiff:
 
 
 def _turn(n: Any, n_moved: Any, v: Any) -> Any:
-    """How a vector ``v`` moves that turns with the unit normal ``n``: (n x n') x v. There is no twist about the normal,
-    as what is smooth has no grain."""
+    """How a vector ``v`` moves that turns with the unit normal ``n``: (n x n') x v. There is no twist about the normal:
+    only a grain would show it."""
     return n_moved * dr.dot(n, v) - n * dr.dot(n_moved, v)
 
 
