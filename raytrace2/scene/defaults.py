@@ -78,6 +78,9 @@ _TABLE: dict[str, dict[str, Any]] = {
 
 DEFAULTS = MappingProxyType({plugin: MappingProxyType(properties) for plugin, properties in _TABLE.items()})
 
+#: Textures of our own, which Mitsuba does not have.
+OWN_TEXTURES = frozenset({"raytrace2_fbm"})
+
 # Index of refraction at about 589 nm of what `int_ior` and `ext_ior` can name, as Mitsuba tabulates it.
 IOR = MappingProxyType({
     "vacuum": 1.0, "helium": 1.000036, "hydrogen": 1.000132, "air": 1.000277, "carbon dioxide": 1.00045,

@@ -64,10 +64,10 @@ class MeshAttributeTexture:
 
 @dataclass(frozen=True, eq=False)
 class FbmTexture:
-    """Fractional Brownian motion: ``color0`` to ``color1`` by (1 + sum of persistence^k noise(lacunarity^k uv)) / 2.
+    """Fractional Brownian motion, from ``color0`` (a sum of -1) to ``color1`` (1): the mean of ``octaves`` of Perlin's
+    gradient noise, each ``lacunarity`` times as fine as the one before and weighted ``persistence`` times as much.
 
-    ``noise`` is Perlin's gradient noise (one lattice cell a unit of the transformed uv), of ``octaves`` terms; ``seed``
-    shuffles its lattice.
+    A cell of the first one's lattice is a unit of the transformed uv; ``seed`` shuffles the lattice.
     """
 
     color0: RGB = (0.0, 0.0, 0.0)

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import Location, Problem, SceneError
+from .defaults import OWN_TEXTURES
 from .dict_check import DICT_SOURCE, check_dict
 from .mitsuba_messages import problem_from_message
 from .nodes import Color, DistortedTransform, LiveObject, Node, ParsedScene, SpectrumSamples, Value
@@ -105,7 +106,7 @@ def _parse(
     return ParsedScene(
         root=root,
         resolve=lambda name: str(resolver.resolve(name)),
-        is_plugin=lambda name: not known or name in known,
+        is_plugin=lambda name: not known or name in known or name in OWN_TEXTURES,
         source=None if source in (STRING_SOURCE, DICT_SOURCE) else source,
         settings=settings,
     )
@@ -170,7 +171,9 @@ def _nodes(state: Any, files: list[str], texts: list[str]) -> Node:
             location = Location(f"{DICT_SOURCE}[{paths[index]}]")
         else:
             location = Location(files[node.file_index], bisect_right(starts[node.file_index], node.offset) + 1)
-        nodes.append(Node(kind, node.props.plugin_name(), name, location))
+        plugin = node.props.plugin_name()
+        # In a dict nothing but Mitsuba's own list of plugins tells kinds.
+        nodes.append(Node("texture" if plugin in OWN_TEXTURES else kind, plugin, name, location))
     problems: list[Problem] = []
     ids = dict(state.id_to_index)
     for index, node in enumerate(raw):

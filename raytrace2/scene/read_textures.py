@@ -6,7 +6,7 @@ from typing import Any, Literal, cast
 
 import numpy as np
 
-from .description import BitmapTexture, CheckerboardTexture, ConstantTexture, MeshAttributeTexture, Texture
+from .description import BitmapTexture, CheckerboardTexture, ConstantTexture, FbmTexture, MeshAttributeTexture, Texture
 from .nodes import Color, LiveObject, Node
 from .pixels import from_live, load_pixels, store_as_texture
 from .reading import PropertyReader, Reading
@@ -127,6 +127,26 @@ def _mesh_attribute(properties: PropertyReader, role: Role) -> Texture:
     return MeshAttributeTexture(name, scale)
 
 
+def _fbm(properties: PropertyReader, role: Role) -> Texture:
+    """Our own: see :class:`~.description.FbmTexture`, whose fields are its properties."""
+    colors = []
+    for name, grey in (("color0", 0.0), ("color1", 1.0)):
+        given = properties.has(name)
+        colors.append(constant_property(properties, name, role) if given else (grey, grey, grey))
+    texture = FbmTexture(
+        colors[0],
+        colors[1],
+        properties.integer("octaves", least=1, most=32, default=8),
+        properties.number("persistence", above=0.0, most=1.0, default=0.5),
+        properties.number("lacunarity", least=1.0, most=16.0, default=2.0),
+        properties.integer("seed", least=0, default=0),
+        to_uv(properties),
+    )
+    properties.ignore("color0", "color1")
+    properties.finish()
+    return texture
+
+
 def _uniform(properties: PropertyReader, role: Role) -> Texture:
     value = properties.number("value", least=0.0)
     properties.ignore("wavelength_min", "wavelength_max")
@@ -173,6 +193,7 @@ _READERS = {
     "bitmap": _bitmap,
     "checkerboard": _checkerboard,
     "mesh_attribute": _mesh_attribute,
+    "raytrace2_fbm": _fbm,
     "uniform": _uniform,
     "srgb": _srgb,
     "rawconstant": _rawconstant,

@@ -12,6 +12,7 @@ from ..scene.description import (
     BitmapTexture,
     CheckerboardTexture,
     ConstantTexture,
+    FbmTexture,
     MeshAttributeTexture,
     MeshShape,
     Texture,
@@ -24,8 +25,9 @@ from .color import luminance
 from .constant import Constants
 from .filter_settings import FilterSettings
 from .mesh_attribute import MeshAttributes
+from .noise import Fbms
 
-_CONSTANT, _CHECKERBOARD, _VERTEX_ATTRIBUTE, _FACE_ATTRIBUTE, _FIRST_BITMAP = range(5)
+_CONSTANT, _CHECKERBOARD, _VERTEX_ATTRIBUTE, _FACE_ATTRIBUTE, _FBM, _FIRST_BITMAP = range(6)
 _FORMATS = [(dtype, channels) for dtype in ("uint8", "float16", "float") for channels in (3, 1)]
 
 Reach: TypeAlias = tuple[frozenset[int], ...]
@@ -170,6 +172,8 @@ class TextureTable:
             value = table.eval(place, uv, None if si is None else si.footprint, active)
             if table.channels == 1:
                 return value if single else self.types.Array3f(value)
+        elif kind == _FBM:
+            value = table.eval(place, uv, None if si is None else si.footprint, active)
         elif si is None:
             value = dr.zeros(self.types.Array3f)
         else:
@@ -183,6 +187,8 @@ class TextureTable:
             return Constants([m.value for m in members], self.types)
         if kind == _CHECKERBOARD:
             return Checkerboards(np.array(self._children), [m.to_uv for m in members], self.types)
+        if kind == _FBM:
+            return Fbms(members, self.types, self.settings)
         if kind in (_VERTEX_ATTRIBUTE, _FACE_ATTRIBUTE):
             return MeshAttributes(members, 3 if kind == _VERTEX_ATTRIBUTE else 1, self._meshes, self.types)
         return Bitmaps(members, self.types, self.settings)
@@ -193,6 +199,8 @@ def _kind(texture: Texture) -> int:
         return _CONSTANT
     if isinstance(texture, CheckerboardTexture):
         return _CHECKERBOARD
+    if isinstance(texture, FbmTexture):
+        return _FBM
     if isinstance(texture, MeshAttributeTexture):
         if texture.name.startswith("vertex_"):
             return _VERTEX_ATTRIBUTE
