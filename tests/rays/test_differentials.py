@@ -22,6 +22,7 @@ from raytrace2.scene.description import (
     DielectricBsdf,
     DiffuseBsdf,
     Film,
+    Integrator,
     MaskBsdf,
     NormalMapBsdf,
     OrthographicCamera,
@@ -236,6 +237,25 @@ def test_flags_are_where_they_belong(name: str) -> None:
     setting = {"bsdf": DielectricBsdf(1.5, 1.0), "stop": 1, "lobe": 0.99999}
     wall = rt.Rectangle(np.array([[90, 0, 0, 0], [0, 0, -1, 9], [0, 90, 0, 0], [0, 0, 0, 1.0]]))
     assert flags_at(TOTAL_REFLECTION, name, [rt.Rectangle(prism), wall], [(0.5, 0.5)], **setting) == [True]
+
+
+@pytest.mark.parametrize("integrator", ["path", "direct"])
+@pytest.mark.parametrize("name", DIFFERENTIALS)
+def test_integrators_carry_every_way(name: str, integrator: str) -> None:
+    """Without filters the image is the same to the bit, whatever travels with the rays."""
+    things: dict[str, Any] = {"ball": {"type": "sphere", "bsdf": {"type": "dielectric"}}, "light": {"type": "constant"}}
+    loaded = rt.load_dict(scene(sensor=camera_dict((6, 6)), **things))
+    image = rt.render(loaded, integrator=integrator, differentials=name, filter="bilinear", spp=2)
+    plain = rt.render(loaded, integrator=integrator, filter="bilinear", spp=2)
+    assert np.isfinite(np.array(image)).all() and np.array_equal(np.array(image), np.array(plain))
+
+
+def test_flags_are_an_aov() -> None:
+    settings = Integrator("aov", aovs=(("why", "footprint_flags"),))
+    loaded = rt.load_dict(scene(sensor=camera_dict((32, 32)), ball={"type": "sphere"}))
+    flags = np.array(rt.render(loaded, integrator=settings, differentials="autodiff", spp=1)).ravel().astype(int)
+    assert (flags & SILHOUETTE).any() and (flags & SEAM).any() and (flags == 0).any()
+    assert not np.array(rt.render(loaded, integrator=settings, spp=1)).any()
 
 
 def test_a_scene_whose_textures_do_not_filter_pays_nothing() -> None:
