@@ -70,7 +70,7 @@ def image(scene: Any, way: str, samples: int, filter: str, seed: int = 0) -> np.
         return np.array(rt.render(scene, spp=samples, seed=seed, filter="bilinear"))
     with means_only() if way == "normals averaged" else contextlib.nullcontext():
         scene._traced.clear()
-        return np.array(rt.render(scene, spp=samples, seed=seed, filter=filter, differentials="analytic"))
+        return np.array(rt.render(scene, spp=samples, seed=seed, filter=filter))
 
 
 @contextlib.contextmanager

@@ -33,7 +33,7 @@ def met_emission(
     """Radiance (Array3f) of the light that ``ray`` met or escaped to, weighted against sampling it from ``origin``.
 
     ``pdf`` is the density with which the material chose the ray; where ``delta``, lights could not have been sampled.
-    ``differential`` is that of ``ray``, for images at infinity that are filtered.
+    ``differential`` is that of ``ray``, for images at infinity that are filtered where ``delta``.
     """
     lights = scene.lights
     result = scene.types.Array3f(0)
@@ -45,6 +45,9 @@ def met_emission(
     if lights.has_environment:
         escapes = active & ~si.valid
         around = turns(ray.d, differential) if lights.filters_environment else None
+        if around is not None:
+            # Where lights are sampled as well, wide footprints would bring light from below the horizon of a lobe.
+            around = tuple(dr.select(delta, v, 0) for v in around)
         radiance, light_pdf = lights.environment_with_pdf(ray.d, escapes, around)
         weight = power_heuristic(pdf, dr.select(delta, 0, light_pdf))
         result += dr.select(escapes, radiance * weight, 0)

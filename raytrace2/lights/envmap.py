@@ -5,7 +5,8 @@ first and last rows are the poles; local y points to the top row and -z to phi =
 and the sampling density are bilinear, and they share the four texels of one lookup. All of this agrees with Mitsuba's
 ``envmap`` but for the density in the two rows of cells at the poles, which is kept above 0.
 
-With a texture filter that heeds footprints, rays that leave the scene see the mean over theirs (:mod:`.filtered_map`).
+With a texture filter that heeds footprints, rays that leave the scene see the mean over theirs (:mod:`.filtered_map`)
+where they come from the camera or from mirrors and glass; those that a rough surface chose see the image itself.
 """
 
 from __future__ import annotations

@@ -42,7 +42,8 @@ _ORDER = list(_KINDS)
 class MaterialTable:
     """Materials by index: ``indices[i]`` (a handle, not a position) is that of the ``i``-th one given to :meth:`build`.
 
-    Leaf materials are in one table a kind; two-sided ones and masks are resolved to leaves. Kernels hold the kinds
+    Leaf materials are in one table a kind; two-sided ones, masks, bump and normal maps are resolved to leaves, with the
+    frames that maps give them (and, under a filter that heeds footprints, how normals spread). Kernels hold the kinds
     that occur, and no dispatch where there is one. Python flags tell integrators what they can leave out:
     ``has_smooth_any`` (lobes that are not deltas), ``has_delta`` (mirror-like and null lobes), ``has_null``
     (straight on: masks, thin dielectrics), ``has_transmission`` (anything that crosses the surface),

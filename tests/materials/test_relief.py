@@ -11,8 +11,8 @@ from render_cases import ball, both, corner, diffuse, lamp, mitsuba, ours, rgb, 
 
 import raytrace2 as rt
 from raytrace2.materials import MaterialTable
-from raytrace2.materials.bump import linear_pixels
-from raytrace2.materials.relief_moments import gradients, moments, slopes
+from raytrace2.materials.bump import Heights, linear_pixels
+from raytrace2.materials.relief_moments import _tiled, gradients, moments, slopes
 from raytrace2.materials.spread import Spread
 from raytrace2.rays.camera import make_camera
 from raytrace2.rays.differentials import make_differentials
@@ -144,6 +144,19 @@ def test_moments_are_those_of_the_interpolated_map() -> None:
     assert np.allclose(found[:5], expected, atol=2e-3 * scale)
     one = np.full((2, 2, 3), [0.5 + 0.3, 0.5, 0.5 + 0.4], np.float32)
     assert np.allclose(moments(BitmapTexture(one, raw=True), slopes)[0, 0], [-0.75, 0, 0, 0.5625, 0, 0], atol=1e-6)
+
+
+def test_a_mirrored_map_has_mirrored_gradients() -> None:
+    """Laid out with its mirror images, a mirrored height map repeats: the same gradients everywhere."""
+    t = types("float64")
+    source = BitmapTexture(
+        HEIGHTS, wrap_mode="mirror", raw=True, to_uv=np.array([[1.5, 0.2, 0.1], [0.3, 2, 0], [0, 0, 1]])
+    )
+    uv = np.random.default_rng(3).uniform(-2, 3, (2, 500))
+    found = [
+        np.array(Heights([m], t).gradient(t.UInt(0), t.Array2f(uv), t.Bool(True))) for m in (source, _tiled(source))
+    ]
+    assert np.allclose(found[0], found[1], atol=1e-6 * np.abs(found[0]).max())
 
 
 def test_spread_adds_covariances() -> None:
