@@ -12,7 +12,7 @@ Four flags, each with a rule on quantities of first order, and what is done so t
 ``FOLDED``
     The cross-section of the beam is less than a sixteenth of the terms that cancel in it (det(o + t d) is a polynomial
     in t, and caustics are where it vanishes): neighbouring rays cross here. Both vectors of the footprint are kept at
-    no less than a sixteenth of *their* terms, |o| + t |d|. The ray goes on as it was.
+    no less than a sixteenth of *their* terms, the root of o^2 + (t d)^2. The ray goes on as it was.
 ``SEAM``
     A pole, or the line where an angle starts again, lies within the footprint. No angle changes by more than a turn.
 
@@ -149,9 +149,9 @@ def folding(ray: Ray, state: RayDifferential, si: Any) -> tuple[Any, Any, Any]:
     folded = abs(start + mixed + spread) < CANCELLED * terms
 
     def grow(o: Any, td: Any) -> Any:
-        length = dr.norm(o + td)
-        least = (dr.norm(o) + dr.norm(td)) * CANCELLED
-        return dr.select(length < least, least / dr.select(length > 0, length, 1), 1)
+        length = dr.squared_norm(o + td)
+        least = (dr.squared_norm(o) + dr.squared_norm(td)) * CANCELLED**2
+        return dr.select(length < least, dr.sqrt(least / dr.select(length > 0, length, 1)), 1)
 
     return folded, grow(state.o_dx, x), grow(state.o_dy, y)
 
