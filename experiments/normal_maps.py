@@ -140,7 +140,7 @@ def sky(height: int) -> np.ndarray:
 
 
 #: The sun's azimuth in the sky's image.
-SUN = np.pi
+SUN = 0.0
 
 
 def rmse(a: np.ndarray, b: np.ndarray) -> float:
