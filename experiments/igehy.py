@@ -1,6 +1,6 @@
-"""Igehy's figure ("Tracing Ray Differentials", 1999) once more: one sample a pixel of a gallery, with no texture filter, with
-mip maps by distance, with mip maps by ray differentials and with the exact integral over the footprint, on the floor, in the
-mirror ball and through the glass ball, beside the truth; and how far each is from it.
+"""Igehy's figure ("Tracing Ray Differentials", 1999) once more: one sample a pixel of a gallery, with no texture
+filter, with mip maps by distance, with mip maps by ray differentials and with the exact integral over the footprint, on the
+floor, in the mirror ball and through the glass ball, beside the truth; and how far each is from it.
 
     python experiments/igehy.py [--size 320] [--supersampling 24] [--filters NAME ...] [-o out/igehy.md]
 
@@ -45,7 +45,11 @@ PLACES = {"floor": ("floor",), "walls": ("left_wall", "right_wall", "far_wall"),
           "glass ball": ("glass_ball",), "globe": ("globe",)}  # fmt: skip
 
 #: Left, top, width and height of the details, in parts of the image.
-DETAILS = {"floor": (0.36, 0.47, 0.2, 0.14), "mirror ball": (0.02, 0.46, 0.2, 0.14), "glass ball": (0.66, 0.36, 0.2, 0.14)}
+DETAILS = {
+    "floor": (0.36, 0.47, 0.2, 0.14),
+    "mirror ball": (0.02, 0.46, 0.2, 0.14),
+    "glass ball": (0.66, 0.36, 0.2, 0.14),
+}
 
 
 def main() -> int:
@@ -68,9 +72,10 @@ def main() -> int:
         rows.append([title, filter, differentials, *cells, f"{np.sqrt(error.mean()):.4f}", f"{1000 * seconds:.1f}"])
     head = ["", "filter", "differentials", *places, "whole image", "ms"]
     text = (
-        f"# Igehy's figure\n\n{options.size} x {options.size} pixels, one sample in the middle of each; root mean square "
-        f"distance, in linear light, from the mean of {options.supersampling**2} places a pixel, over the pixels that lie "
-        f"wholly on a thing; milliseconds of the render, the best of several.\n\n{markdown_table(head, rows)}"
+        f"# Igehy's figure\n\n{options.size} x {options.size} pixels, one sample in the middle of each; root "
+        f"mean square distance, in linear light, from the mean of {options.supersampling**2} places a pixel, over the "
+        f"pixels that lie wholly on a thing; milliseconds of the render, the best of several.\n\n"
+        + markdown_table(head, rows)
     )
     save_text(options.out, text)
     shown = {title: images[title] for title, _, _ in FIGURE if title in images} | {"truth": truth}

@@ -20,7 +20,18 @@ from fuzz_judge import BUGS, REFUSED
 import raytrace2 as rt
 
 #: A few of the cases of experiments/hostile_input.py, which runs them by the ten thousand.
-FRESH = {"xml": 60, "dict": 40, "ply": 20, "obj": 12, "serialized": 8, "png": 12, "jpg": 4, "bmp": 4, "exr": 6, "api": 34}
+FRESH = {
+    "xml": 60,
+    "dict": 40,
+    "ply": 20,
+    "obj": 12,
+    "serialized": 8,
+    "png": 12,
+    "jpg": 4,
+    "bmp": 4,
+    "exr": 6,
+    "api": 34,
+}
 
 #: Every case that was a bug when it was first run.
 FOUND = {

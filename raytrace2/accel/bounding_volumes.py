@@ -19,6 +19,7 @@ from ..surfaces.primitives import LocalRay, Primitives
 from ..surfaces.structure import Structure
 from ..surfaces.turns import Turns
 from . import bounding_volumes_traversal as traversal
+from .held import held
 from .level_boxes_bvh import volume_levels
 from .volume_groups import Groups, expected_tests, few_large, half_area, halved, in_runs, with_singles
 from .volumes import VOLUMES
@@ -66,9 +67,7 @@ class BoundingVolumes(Structure):
         self.config = config or BoundingVolumesConfig()
         begin = time.perf_counter()
         parts = geometry.primitives()
-        if parts is not None and (absent := (parts.lo > parts.hi).any(axis=1)).any():
-            # A structure over nothing has a box that encloses nothing.
-            parts = parts.reordered(np.flatnonzero(~absent))
+        parts = None if parts is None else held(parts)
         self._device: traversal.DeviceVolumes | None = None
         empty = dict.fromkeys(("primitives", "references", "volumes", "largest_group", "bytes"), 0)
         self._statistics: dict[str, Any] = {"kind": self.kind, "volume": self.config.volume, **empty}

@@ -20,8 +20,9 @@ from . import bvh_traversal, wide_encode, wide_node
 from .binary_tree import BinaryTree, surface_area
 from .builders import BUILDERS
 from .bvh_config import BvhConfig
-from .bvh_refit import Refit, refit_boxes, refit_volumes
+from .bvh_refit import Refit, matching, refit_boxes, refit_volumes
 from .collapse import WideTree, collapse
+from .held import indices_held
 from .level_boxes_bvh import bvh_levels
 from .octant_slots import by_octant
 from .topology import Topology
@@ -39,6 +40,7 @@ class Bvh(Structure):
         self.config = config or BvhConfig()
         begin = time.perf_counter()
         self._device: bvh_traversal.DeviceTree | None = None
+        self._without_copies = False
         self._topology: Topology | None = None
         counts = dict.fromkeys(("primitives", "references", "nodes", "leaves", "depth", "bytes"), 0)
         costs = dict.fromkeys(("expected_nodes", "expected_volumes", "expected_primitives", "sah_cost"), 0.0)
@@ -50,10 +52,9 @@ class Bvh(Structure):
         parts, config = self.geometry.primitives(), self.config
         if parts is None:
             return
-        # A structure over nothing has a box that encloses nothing.
-        present = np.flatnonzero((parts.lo <= parts.hi).all(axis=1))
-        whole = len(present) == len(parts)
-        some = parts if whole else parts.reordered(present)
+        present = indices_held(parts)
+        self._without_copies = present is not None and len(present) < (parts.lo <= parts.hi).all(axis=1).sum()
+        some = parts if present is None else parts.reordered(present)
         if len(some) == 0:
             return
         if len(some) > wide_node.MAX_PRIMITIVES:
@@ -74,7 +75,7 @@ class Bvh(Structure):
             raise ValueError(f"a bvh has at most {most} nodes, not {len(wide.binary)}: raise max_leaf_size")
         if config.width == 8:
             wide = by_octant(wide, tree)
-        topology = Topology.of(tree, wide, tree.order if whole else present[tree.order], self.types)
+        topology = Topology.of(tree, wide, tree.order if present is None else present[tree.order], self.types)
         boxes = wide_encode.child_boxes(tree, wide)
         nodes: bvh_traversal.Nodes
         if config.volume == "box":
@@ -126,20 +127,12 @@ class Bvh(Structure):
         ``moved`` are the surfaces that this one was built over, with the same kinds and numbers of primitives in the
         same order. This hierarchy stays as it is, and so do structures that it is part of. ``statistics()["refit"]``
         of the result tells what was lost: ``sah_cost_built`` of the tree when it was built, ``sah_cost`` now,
-        ``sah_cost_ratio`` of the two, ``refits`` since the build and the ``seconds`` it took. ``ValueError`` if the
-        surfaces do not match.
+        ``sah_cost_ratio`` of the two, ``refits`` since the build and the ``seconds`` it took. A geometry that held
+        copies of primitives is built anew. ``ValueError`` if the surfaces do not match.
         """
         begin = time.perf_counter()
-        found = self._refitted(moved)
-        result = Bvh.__new__(Bvh)
-        Structure.__init__(result, found.geometry)
-        result.config = self.config
-        result._device, result._topology = None, None
-        result._statistics = dict(self._statistics)
         before = self._statistics.get("refit", {"sah_cost_built": self._statistics["sah_cost"], "refits": 0})
-        if found.nodes is not None:
-            assert self._topology is not None and found.primitives is not None
-            result._adopt(self._topology, found.nodes, found.primitives, found.expected, self._statistics["primitives"])
+        result = self._built_anew(moved) if self._without_copies else self._with_new_boxes(moved)
         cost = result._statistics["sah_cost"]
         built = before["sah_cost_built"]
         result._statistics["refit"] = {
@@ -149,6 +142,22 @@ class Bvh(Structure):
             "refits": before["refits"] + 1,
             "seconds": time.perf_counter() - begin,
         }
+        return result
+
+    def _built_anew(self, moved: Geometry | Surface | Sequence[Surface]) -> Bvh:
+        """What stood for its copies need not once it has moved."""
+        return Bvh(matching(self.geometry, moved), self.config)
+
+    def _with_new_boxes(self, moved: Geometry | Surface | Sequence[Surface]) -> Bvh:
+        found = self._refitted(moved)
+        result = Bvh.__new__(Bvh)
+        Structure.__init__(result, found.geometry)
+        result.config = self.config
+        result._device, result._topology, result._without_copies = None, None, False
+        result._statistics = dict(self._statistics)
+        if found.nodes is not None:
+            assert self._topology is not None and found.primitives is not None
+            result._adopt(self._topology, found.nodes, found.primitives, found.expected, self._statistics["primitives"])
         return result
 
     def _refitted(self, moved: Geometry | Surface | Sequence[Surface]) -> Refit:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..buffers import owned
 from ..surfaces.geometry import Geometry
-from ..surfaces.primitives import DevicePrimitives
+from ..surfaces.primitives import DevicePrimitives, Primitives
 from ..surfaces.record import KIND
 from ..surfaces.surface import Surface
 from ..types import Types
@@ -103,17 +103,28 @@ def _geometry(moved: Geometry | Surface | Sequence[Surface], before: Geometry) -
     return moved
 
 
-def _moved_primitives(before: Geometry, geometry: Geometry, topology: Topology) -> tuple[DevicePrimitives, Any]:
-    """The primitives of ``geometry`` and packets of their boxes, both in the order of the leaves."""
+def matching(before: Geometry, moved: Geometry | Surface | Sequence[Surface]) -> Geometry:
+    """The geometry of ``moved``; ``ValueError`` unless it has the primitives of ``before``, kind by kind."""
+    geometry = _geometry(moved, before)
+    _check_match(before, geometry)
+    return geometry
+
+
+def _check_match(before: Geometry, geometry: Geometry) -> tuple[Primitives, Primitives]:
     old, new = before.primitives(), geometry.primitives()
-    types = topology.types
     if old is None or new is None or len(old) != len(new):
         counts = [0 if p is None else len(p) for p in (old, new)]
         given = f"{counts[0]} primitives, not {counts[1]}"
         raise ValueError(f"refit needs the surfaces that the bvh was built over: {given}")
     if old.kinds != new.kinds or (old.records[:, KIND] != new.records[:, KIND]).any():
         raise ValueError("refit needs the surfaces that the bvh was built over, of the same kinds in the same order")
-    order = topology.order
+    return old, new
+
+
+def _moved_primitives(before: Geometry, geometry: Geometry, topology: Topology) -> tuple[DevicePrimitives, Any]:
+    """The primitives of ``geometry`` and packets of their boxes, both in the order of the leaves."""
+    _, new = _check_match(before, geometry)
+    types, order = topology.types, topology.order
     if not (new.lo[order] <= new.hi[order]).all():
         raise ValueError("refit cannot take away what a nested structure held; build anew")
     packets = np.zeros((len(order), WORDS), types.numpy)

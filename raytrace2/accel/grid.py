@@ -18,6 +18,7 @@ from ..surfaces.structure import Structure
 from ..surfaces.turns import Turns
 from . import grid_walk
 from .grid_build import Rule, build_grids
+from .held import held
 from .level_boxes_grid import grid_levels
 
 #: Cells of one grid are counted in floating point: all numbers up to here are exact in either precision.
@@ -51,9 +52,7 @@ class GridStructure(Structure):
         begin = time.perf_counter()
         self._grids: grid_walk.DeviceGrids | None = None
         parts = geometry.primitives()
-        if parts is not None and (absent := (parts.lo > parts.hi).any(axis=1)).any():
-            # A structure over nothing has a box that encloses nothing.
-            parts = parts.reordered(np.flatnonzero(~absent))
+        parts = None if parts is None else held(parts)
         keys = ("primitives", "references", "duplication", "nodes", "leaves", "depth", "bytes", "sah_cost")
         found: dict[str, Any] = dict.fromkeys(keys, 0)
         if parts is not None and len(parts):

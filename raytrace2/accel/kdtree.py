@@ -22,6 +22,7 @@ from ..surfaces.structure import Structure
 from ..surfaces.turns import Turns
 from ..types import Types
 from . import kdtree_traversal as traversal
+from .held import held
 from .kdtree_build import BuildRules, KdTree, build_kdtree
 from .level_boxes_planes import plane_levels
 
@@ -119,9 +120,7 @@ def present(geometry: Geometry) -> Primitives | None:
     parts = geometry.primitives()
     if parts is None:
         return None
-    absent = (parts.lo > parts.hi).any(axis=1)
-    if absent.any():
-        parts = parts.reordered(np.flatnonzero(~absent))
+    parts = held(parts)
     return parts if len(parts) else None
 
 

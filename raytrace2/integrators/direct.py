@@ -41,6 +41,8 @@ def direct(
     if settings.hide_emitters:
         hit = past_emitters(scene, ray, hit, active)
     meeting = differentials.meet(structure, ray, differential, hit)
+    if scene.draws_texels:
+        meeting = meeting.drawing(sampler.next_2d())
     si = meeting.si
     result = dr.zeros(t.Array3f, width)
     if not settings.hide_emitters:
@@ -72,7 +74,10 @@ def direct(
             left = differentials.leave(here, sample, onward, differential)
             onward, sample = dr.detach(onward), dr.detach(sample)
         useful = active & (dr.max(sample.weight) > 0)
-        met = differentials.meet(structure, onward, left, structure.intersect(onward, useful)).si
+        beyond = differentials.meet(structure, onward, left, structure.intersect(onward, useful))
+        if scene.draws_texels:
+            beyond = beyond.drawing(sampler.next_2d())
+        met = beyond.si
         if settings.emitter_samples:
             pdf, alone = sample.pdf * (bsdf_share / light_share), sample.delta
         else:

@@ -100,6 +100,8 @@ def _bounce(
     if settings.hide_emitters:
         hit = past_emitters(scene, s.ray, hit, s.active & (s.depth == 0))
     meeting = differentials.meet(structure, s.ray, s.differential, hit)
+    if scene.draws_texels:
+        meeting = meeting.drawing(sampler.next_2d())
     si = meeting.si
     if lights.has_area or lights.has_environment:
         emitted = met_emission(scene, s.origin, s.ray, si, s.pdf, s.delta, s.active, s.differential)

@@ -47,6 +47,11 @@ class TracedScene:
         self._instance_numbers = owned(np.array(through, dtype=np.uint32), UInt) if through else None
         structure.prepare()
 
+    @property
+    def draws_texels(self) -> bool:
+        """Whether texture look-ups need random numbers."""
+        return self.filter is not None and self.filter.name == "stochastic"
+
     def prepare_shading(self) -> None:
         """Makes the tables of materials and lights, which cannot be made inside a symbolic loop."""
         _ = self._material_of

@@ -18,7 +18,7 @@ from .primitives import LocalRay, Primitives
 from .record import NONE
 from .surface import Surface
 from .turns import Turns
-from .units import into_units
+from .units import Units
 
 if TYPE_CHECKING:
     from .geometry import Geometry
@@ -35,6 +35,7 @@ class Structure(Surface):
         self.geometry = geometry
         self.types: Types = geometry.types
         self.exponent = geometry.exponent
+        self.units = Units.of(*geometry.bounds(), geometry.exponent, geometry.types)
         self.name = self.kind
         self.turns = Turns(self.types, self.kind, 0)
 
@@ -111,13 +112,13 @@ class Structure(Surface):
         instance = dr.full(types.UInt, NONE, width) if self.has_instances else None
         counts = Counts(*(dr.zeros(types.UInt, width) for _ in range(3))) if counting else None
         with dr.suspend_grad():
-            local, back = into_units(ray, self._farthest(ray), self.exponent)
+            local, back = self.units.enter(ray, self._farthest(ray))
             start = Candidate(local.tmax + zero, zero, zero + 0, none, instance, counts)
             found = self.traverse(local, start, dr.zeros(types.UInt, width), _can_hit(ray, local) & active)
         valid = found.id != NONE
         surface, prim = self.geometry.surface_and_prim(found.id, valid)
         instance = dr.full(types.UInt, NONE, width) if found.instance is None else found.instance
-        t = dr.select(valid, found.t * back, dr.inf)
+        t = dr.select(valid, back(found.t), dr.inf)
         return Hit(t, prim, types.Array2f(found.u, found.v), surface, instance), found.counts
 
     def occluded(self, ray: Any, active: Any = True) -> Any:
@@ -125,7 +126,7 @@ class Structure(Surface):
         ray = self._checked(ray)
         active = checked_mask(active, self.types, _width(ray, True))
         with dr.suspend_grad():
-            local, _ = into_units(ray, self._farthest(ray), self.exponent)
+            local, _ = self.units.enter(ray, self._farthest(ray))
             root = dr.zeros(self.types.UInt, _width(ray, active))
             return self.traverse_any(local, root, _can_hit(ray, local) & active)
 

@@ -16,8 +16,12 @@ from typing import Any
 
 import drjit as dr
 
+from ..types import types_of
 from .compensated import difference_of_products, sum_of, two_product, two_sum
 from .ordered import greater, lesser
+
+#: In units of round-off of how far the triangle is, how far off it t may put a hit; boxes are widened by more.
+ASIDE = 8
 
 
 @dataclass
@@ -59,8 +63,8 @@ def intersect_triangle(words: list[Any], ray: Any, shear: Shear) -> tuple[Any, A
     """Whether the *line* of each ray meets its triangle, and t and the barycentric weights of vertices 1 and 2 there.
 
     ``words[0:9]`` are the three vertices. Both sides count. A triangle seen exactly edge-on is not met. t is the
-    nearest number to that of the exact plane, or one of its neighbours, unless the ray all but lies in the plane (at
-    less than the square root of round-off): there it is still one where the triangle reaches.
+    nearest number to that of the exact plane, or one of its neighbours, where the ray meets that inside the triangle;
+    else it is that of a point of the triangle that rounding has put on the ray.
     """
     ax, ay = _shadow(words[0:3], ray.o, shear)
     bx, by = _shadow(words[3:6], ray.o, shear)
@@ -100,10 +104,11 @@ def _step_to_plane(words: list[Any], ray: Any, t: Any, v: Any, w: Any) -> Any:
     """What to add to ``t`` to come from the point there to the plane of the triangle, near its point ``v``, ``w``.
 
     Shadows are off by the rounding of how far the triangle is, which a grazing ray makes an error of t. The gap between
-    the two points is all but that, so it is formed in twice the digits; its projection needs few.
+    the two points is all but that, so it is formed in twice the digits; its projection needs few. Zero where that point
+    of the plane is no longer in the triangle, give or take the rounding of shadows.
     """
     Vector = type(ray.d)
-    gap, side_1, side_2 = Vector(0), Vector(0), Vector(0)
+    gap, side_1, side_2, reach = Vector(0), Vector(0), Vector(0), type(t)(0)
     for k in range(3):
         arm, lost = two_sum(words[k], -ray.o[k])
         side_1[k], lost_1 = two_sum(words[3 + k], -words[k])
@@ -113,9 +118,18 @@ def _step_to_plane(words: list[Any], ray: Any, t: Any, v: Any, w: Any) -> Any:
         part_2, lost_part_2 = two_product(w, side_2[k])
         rest = (lost + lost_along) + (dr.fma(v, lost_1, lost_part_1) + dr.fma(w, lost_2, lost_part_2))
         gap[k] = sum_of([arm, along, part_1, part_2], rest)
+        reach = reach + abs(arm)
     normal = dr.cross(side_1, side_2)
     slope = dr.dot(normal, ray.d)
-    return dr.select(slope != 0, dr.dot(normal, gap) / slope, 0)
+    step = dr.select(slope != 0, dr.dot(normal, gap) / slope, 0)
+    # Of a ray that all but lies in the plane the step may lead out of the triangle, where no structure looks for it.
+    aside = dr.fma(ray.d, step, -gap)
+    per_area = dr.rcp(dr.squared_norm(normal))
+    v = v + dr.dot(dr.cross(aside, side_2), normal) * per_area
+    w = w + dr.dot(dr.cross(side_1, aside), normal) * per_area
+    stays = (lesser(v, w) >= 0) & (v + w <= 1)
+    stays = stays | (abs(aside.x) + abs(aside.y) + abs(aside.z) <= reach * (ASIDE * types_of(t).epsilon))
+    return dr.select(stays, step, 0)
 
 
 def _shadow(vertex: list[Any], o: Any, shear: Shear) -> tuple[Any, Any]:

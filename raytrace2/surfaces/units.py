@@ -2,24 +2,29 @@
 
 Squares and products of lengths leave the range of float32 beyond 2^60 and below 2^-60 or so. A structure whose
 geometry is so large or so small holds it divided by a power of two, and meets each ray in the same unit; results have
-the same bits as at a benign scale.
+the same bits as at a benign scale. Rays from far away are met as if from near.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
 import numpy as np
 
-from ..types import types_of
+from ..types import Types, types_of
 from . import record
+from .compensated import point_on_ray
 from .magnitude import powers_of_two
 from .primitives import LocalRay, Primitives
 
 #: Geometry that reaches between 2^-BENIGN and 2^BENIGN stays as it is.
 BENIGN = 16
+
+#: Origins so many radii away from what there is to meet are moved near it.
+FAR = 32
 
 
 def exponent_of(lo: np.ndarray, hi: np.ndarray) -> int:
@@ -54,14 +59,59 @@ def scaled(parts: Primitives, exponent: int) -> Primitives:
     return replace(parts, records=records, lo=parts.lo * factor, hi=parts.hi * factor, exponent=exponent)
 
 
-def into_units(ray: Any, farthest: Any, exponent: int) -> tuple[LocalRay, Any]:
-    """``ray`` up to ``farthest`` in units of 2^``exponent`` and with a direction from 1 to 2 in its largest component,
-    and what to multiply its t by to have that of ``ray``."""
-    size, inverse = powers_of_two(ray.d)
-    o, tmin, tmax, back = ray.o, ray.tmin, farthest, inverse
-    if exponent:
+@dataclass(frozen=True, eq=False)
+class Units:
+    """How a structure holds lengths, in units of 2^``exponent``, and a ball around what it holds: ``ball`` has the
+    centre and the radius on the device, and is None where there is nothing."""
+
+    exponent: int
+    ball: tuple[Any, Any] | None
+
+    @staticmethod
+    def of(lo: np.ndarray, hi: np.ndarray, exponent: int, types: Types) -> Units:
+        """Around the box between the corners ``lo`` and ``hi`` (3,), in lengths of one."""
+        if not (np.isfinite(lo).all() and np.isfinite(hi).all()):
+            return Units(exponent, None)
         factor = 2.0**-exponent
-        o, tmin, tmax, back = o * factor, tmin * factor, tmax * factor, back * 2.0**exponent
-    largest = types_of(ray.o).largest
-    tmax = tmax * size
-    return LocalRay(o, ray.d * inverse, tmin * size, dr.select(tmax > largest, largest, tmax)), back
+        low, high = lo.astype(np.float64) * factor, hi.astype(np.float64) * factor
+        center = types.Array3f(*(dr.opaque(types.Float, float(x)) for x in (low + high) / 2))
+        return Units(exponent, (center, dr.opaque(types.Float, max(float(np.linalg.norm(high - low)) / 2, 1e-30))))
+
+    def enter(self, ray: Any, farthest: Any) -> tuple[LocalRay, Callable[[Any], Any]]:
+        """``ray`` up to ``farthest`` as the structure meets it, and what makes t of that ray t of ``ray``.
+
+        The direction is 1 to 2 in its largest component. An origin that is :data:`FAR` radii away is moved near along
+        the ray, in twice the digits: from afar, all that is met would be as small as the rounding of its distance.
+        """
+        size, inverse = powers_of_two(ray.d)
+        o, d, tmin, tmax = ray.o, ray.d * inverse, ray.tmin, farthest
+        if self.exponent:
+            factor = 2.0**-self.exponent
+            o, tmin, tmax = o * factor, tmin * factor, tmax * factor
+        tmin, tmax = tmin * size, tmax * size
+        way: Any = 0
+        if self.ball is not None:
+            center, radius = self.ball
+            way = _way_near(o, d, center, radius)
+            point, _ = point_on_ray(list(o), [0, 0, 0], list(d), way)
+            o, tmin, tmax = type(o)(*point), tmin - way, tmax - way
+        largest = types_of(ray.o).largest
+
+        def back(t: Any) -> Any:
+            t = t + way
+            # In the order in which nothing overflows that does not do so in the end.
+            if self.exponent < 0:
+                t = t * 2.0**self.exponent
+            t = t * inverse
+            return t * 2.0**self.exponent if self.exponent > 0 else t
+
+        return LocalRay(o, d, tmin, dr.select(tmax > largest, largest, tmax)), back
+
+
+def _way_near(o: Any, d: Any, center: Any, radius: Any) -> Any:
+    """How far along a ray an origin that is far from the ball is moved: to about two radii before the place nearest to
+    its centre; 0 for all others."""
+    f = center - o
+    per_square = dr.rcp(dr.squared_norm(d))
+    way = dr.dot(f, d) * per_square - 2 * radius * dr.sqrt(per_square)
+    return dr.select((dr.squared_norm(f) > dr.square(FAR * radius)) & (way > 0) & dr.isfinite(way), way, 0)
