@@ -1,5 +1,5 @@
 """Igehy's figure ("Tracing Ray Differentials", 1999) once more: one sample a pixel of a gallery, with no texture
-filter, with mip maps by distance, with mip maps by ray differentials and with the exact integral over the footprint, on the
+filter, by mip maps with distance and with ray differentials, and by the exact integral over the footprint, on the
 floor, in the mirror ball and through the glass ball, beside the truth; and how far each is from it.
 
     python experiments/igehy.py [--size 320] [--supersampling 24] [--filters NAME ...] [-o out/igehy.md]

@@ -22,6 +22,7 @@ from .surfaces.interaction import SurfaceInteraction  # noqa: E402
 from .surfaces.mesh import TriangleMesh  # noqa: E402
 from .surfaces.quadrics import Cylinder, Disk, Rectangle, Sphere  # noqa: E402
 from .surfaces.surface import Surface  # noqa: E402
+from .textures.filter_settings import filter_names  # noqa: E402
 
 __all__ = [
     "Comparison",
@@ -45,6 +46,7 @@ __all__ = [
     "TriangleMesh",
     "accel",
     "compare",
+    "filter_names",
     "load_dict",
     "load_file",
     "load_string",

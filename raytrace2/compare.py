@@ -34,6 +34,7 @@ def compare(
     seed: int = 0,
     accel: str | None = None,
     filter: str | None = None,
+    differentials: str | None = None,
     precision: str = "float32",
     size: tuple[int, int] | None = None,
     intersection: str | None = None,
@@ -64,8 +65,8 @@ def compare(
     each = max(1, -(-spp // BATCHES))
     each_reference = each if reference_spp is None else max(1, -(-reference_spp // BATCHES))
     ours, seconds = _batches(
-        scene, sensor, settings, each, seed, progress, accel=accel, filter=filter, precision=precision, size=size,
-        intersection=intersection,
+        scene, sensor, settings, each, seed, progress, accel=accel, filter=filter,
+        differentials=differentials, precision=precision, size=size, intersection=intersection,
     )  # fmt: skip
     film = scene.description.cameras[sensor].film
 

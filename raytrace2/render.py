@@ -86,8 +86,8 @@ def render(
     :class:`description.Integrator` or None for the scene's own; with aovs the colour comes first and then their
     channels. ``spp`` samples a pixel, 0 for the count in the scene. ``accel`` names the structure (``"bvh"``,
     ``"brute_force"``, options after a colon). ``filter`` (``"bilinear"``, ``"ewa"``, ``"exact"`` ...: see
-    ``rt.filter_names()``; options after a colon) takes the place of every bitmap's own, and ``differentials``
-    (``"autodiff"``, ``"none"`` ...) say how rays know the footprints that it covers: see
+    ``rt.filter_names()``; options after a colon) takes the place of the scene's choice, or of every bitmap's own, and
+    ``differentials`` (``"autodiff"``, ``"none"`` ...) say how rays know the footprints that it covers: see
     :func:`~raytrace2.filtering.plan_filtering`. ``precision`` is ``"float32"`` or ``"float64"``; ``size`` (width,
     height) replaces the film's. ``intersection`` is ``"watertight"``, ``"fast"`` (see ``rt.accel.build``) or None for
     the scene's own. ``progress`` shows a bar; None shows one on a terminal if there is more than one pass.
@@ -130,7 +130,8 @@ def render_detailed(
     if precision not in ("float32", "float64"):
         raise SettingError(f"precision must be 'float32' or 'float64', not {precision!r}")
     sampler = make_sampler(camera_settings.sampler, types(precision), spp if spp != 0 else None)
-    filtering = plan_filtering(filter, differentials, camera_settings.film, sampler.sample_count)
+    asked = filter or scene.filter, differentials or scene.differentials
+    filtering = plan_filtering(*asked, camera_settings.film, sampler.sample_count)
     traced = scene.traced(accel, precision, filtering.textures, intersection)
     if settings.kind != "aov" or settings.nested is not None or any(kind == "albedo" for _, kind in settings.aovs):
         traced.prepare_shading()

@@ -25,7 +25,8 @@ def add_render_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--integrator", help="path or direct; the scene's own by default")
     parser.add_argument("--seed", type=int, default=0, help="of the sampler (default 0)")
     parser.add_argument("--accel", help="acceleration structure, such as bvh or bvh:max_leaf_size=2")
-    parser.add_argument("--filter", help="nearest or bilinear, in place of every bitmap's own")
+    parser.add_argument("--filter", help="texture filter, such as ewa or exact, in place of every bitmap's own")
+    parser.add_argument("--differentials", help="how rays know their footprints, such as autodiff or cone")
     add_intersection_argument(parser)
     parser.add_argument("--precision", default="float32", choices=("float32", "float64"))
     parser.add_argument("--size", type=size_argument, metavar="WIDTHxHEIGHT", help="in place of the film's")
@@ -57,7 +58,7 @@ def load_scene(args: argparse.Namespace) -> Any:
 
 def render_options(args: argparse.Namespace) -> dict[str, Any]:
     """The keyword arguments for ``rt.render``."""
-    names = ("sensor", "integrator", "seed", "accel", "filter", "precision", "size", "intersection")
+    names = ("sensor", "integrator", "seed", "accel", "filter", "differentials", "precision", "size", "intersection")
     return {name: getattr(args, name) for name in names}
 
 

@@ -45,6 +45,9 @@ class Scene:
         self.parameters = dict(parameters or {})
         self.accel = source.settings.get("accel", "bvh")
         self.intersection = source.settings.get("intersection", "watertight")
+        #: The texture filter and the differentials that the scene asks for, used where none are named.
+        self.filter = source.settings.get("filter")
+        self.differentials = source.settings.get("differentials")
         self._leaves: dict[int, Surface] = {}
         self._structures: dict[tuple[str, str, str], Structure] = {}
         self._traced: dict[tuple[Structure, FilterSettings | None], TracedScene] = {}
