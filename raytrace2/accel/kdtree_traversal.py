@@ -211,7 +211,9 @@ def _visit(
     end = dr.select(is_leaf, first + decode_integer(words[0], types), end)
 
     t, per_distance, from_above = meet(words, link, slopes)
-    margin = dr.fma(t1, slopes.per_t, reach * slopes.round_off) * per_distance
+    # The origin may have been moved, and the cell lie before it: then it is t0 that is far from 0.
+    distance = greater(t1, -t0)
+    margin = dr.fma(distance, slopes.per_t, reach * slopes.round_off) * per_distance
     late, early = t + margin, t - margin
     # Comparisons that NaN fails: what is not known to be missed is visited.
     not_near, not_far = late < t0, early > t1
