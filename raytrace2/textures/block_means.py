@@ -8,8 +8,9 @@ On level 0 the blocks are the cells that reconstruction itself works on, and the
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import drjit as dr
@@ -17,9 +18,11 @@ import numpy as np
 
 from ..buffers import owned
 from ..types import Types
+from .block_fits import fits
+from .block_lines import halvings, side
 from .wrap import CLAMP, MIRROR
 
-_BORDER, _NEAREST = 1, 2
+_BORDER, _NEAREST, _FLAT_U, _FLAT_V = 1, 2, 4, 8
 
 
 @dataclass
@@ -35,6 +38,7 @@ class Level:
     full: Any
     nearest: Any
     clamped: Any
+    flags: Any
 
 
 class BlockMeans:
@@ -44,6 +48,7 @@ class BlockMeans:
     a texel. Levels go on until one block is left; there a side that ran out of blocks before (and is not clamped) is
     taken for many periods, whose slope is 0. Level 0 takes no memory of its own; the others hold four numbers a block
     and channel. Beyond the edge of a clamped image lies one more block on every side, without an end.
+    What each block's function misses is known only after :meth:`build_deviations`: one more number.
 
     ``sizes`` is (images, 2): width and height; ``nearest`` says which images are not interpolated.
     """
@@ -59,36 +64,42 @@ class BlockMeans:
     ) -> None:
         self._types = types
         self._texels = texels
+        self._sizes, self._srgb, self._wraps, self._nearest = sizes, srgb, modes, nearest
         self._modes = frozenset(modes)
         self._single = len(sizes) == 1
         self.nearest = frozenset(nearest)
-        tops = [_halvings(int(max(size))) for size in sizes]
+        tops = [halvings(int(max(size))) for size in sizes]
         self._levels = 1 + max(tops)
         where = np.zeros((len(sizes), self._levels, 4), np.uint32)
         extents = np.ones((len(sizes), self._levels, 2))
         images = np.zeros((len(sizes), 8))
-        blocks: list[np.ndarray] = []
         end = 0
         for i, (width, height) in enumerate(sizes.tolist()):
-            values = _linear(texels, int(texels.offsets[i]), width * height, srgb[i], types)
-            reference = values[:, 0].copy()
-            planes = (values - reference[:, None]).reshape(-1, height, width)
-            images[i, :3], images[i, 3] = reference, tops[i]
-            images[i, 4:7] = reference + planes.mean((1, 2))
             flags = (_BORDER if modes[i] == CLAMP else 0) | (_NEAREST if nearest[i] else 0)
             where[i, 0] = 0, width, height, flags
-            along = _Line(planes, modes[i], nearest[i])
+            images[i, 3] = tops[i]
             for level in range(1, self._levels):
                 if level > tops[i]:
                     where[i, level], extents[i, level] = where[i, level - 1], extents[i, level - 1]
                     continue
-                block, counts, extents[i, level] = _blocks(along, height, width, level, modes[i], nearest[i])
-                where[i, level] = end, *counts, flags
-                blocks.append(block.astype(types.numpy).reshape(-1))
-                end += block.shape[0] * block.shape[1]
+                u, v = (side(length, level, modes[i], nearest[i]) for length in (width, height))
+                flat = (_FLAT_U if u.flat else 0) | (_FLAT_V if v.flat else 0)
+                where[i, level], extents[i, level] = (end, u.count, v.count, flags | flat), (u.size, v.size)
+                end += u.stored * v.stored
         if end * 4 * texels.channels >= 2**32:
             raise ValueError(f"{end} blocks of texels are more than a table holds; scale the images down")
-        self._blocks = owned(np.concatenate([*blocks, np.zeros(4)]), types.Float)
+        self._count = end
+        self._deviations: Any = None
+        self._blocks = dr.zeros(types.Float, max(end, 1) * 4 * texels.channels)
+        for i, first, made in self._fits(False):
+            for c, fit in enumerate(made):
+                block = dr.arange(types.UInt, len(fit[0])) + dr.opaque(types.UInt, first)
+                dr.scatter(self._blocks, types.Array4f(*fit), block * texels.channels + c)
+            dr.eval(self._blocks)
+            images[i, 4 : 4 + len(made)] = [fit[0][len(fit[0]) // 2] for fit in made]
+        for i in range(len(sizes)):
+            images[i, : texels.channels] = [float(v[0]) for v in self._reference(i)]
+            images[i, 4:7] += images[i, :3]
         self._where = owned(where, types.UInt)
         self._extents = owned(extents, types.Float)
         self._images: Any = [owned(v, types.Float) for v in images[0]] if self._single else owned(images, types.Float)
@@ -122,6 +133,7 @@ class BlockMeans:
             full,
             nearest,
             self._flag(record.w, _BORDER, {m == CLAMP for m in self._modes}),
+            record.w,
         )
 
     def block(
@@ -149,17 +161,69 @@ class BlockMeans:
             slope_v = dr.select(smooth, (bottom - top) * 0.5, 0)
             mixed = dr.select(smooth, rise1 - rise0, 0)
         part = active & ~level.full
-        border = dr.select(level.clamped, t.UInt(1), 0)
-        i, sign_u = _fold(column, level.columns, image.mode, self._modes)
-        j, sign_v = _fold(row, level.rows, image.mode, self._modes)
-        stride = t.UInt(level.columns) + 2 * border
-        index = level.offset + dr.fma(t.UInt(j), stride, t.UInt(i))
+        index, sign_u, sign_v = self._index(image, level, column, row)
         channels = self._texels.channels
         stored = [dr.gather(t.Array4f, self._blocks, index * channels + c, part) for c in range(channels)]
         found = [stored[0][k] if channels == 1 else t.Array3f(*(s[k] for s in stored)) for k in range(4)]
         if MIRROR in self._modes:
             found[1], found[2], found[3] = found[1] * sign_u, found[2] * sign_v, found[3] * (sign_u * sign_v)
         return tuple(dr.select(level.full, a, b) for a, b in zip((mean, slope_u, slope_v, mixed), found, strict=True))
+
+    def build_deviations(self) -> None:
+        """What :meth:`deviation` reads, if it is not there yet; not within a symbolic loop."""
+        if self._deviations is not None:
+            return
+        t, channels = self._types, self._texels.channels
+        deviations = dr.zeros(t.Float, max(self._count, 1) * channels)
+        for _, first, made in self._fits(True):
+            for c, fit in enumerate(made):
+                block = dr.arange(t.UInt, len(fit[4])) + dr.opaque(t.UInt, first)
+                dr.scatter(deviations, dr.sqrt(fit[4]), block * channels + c)
+            dr.eval(deviations)
+        self._deviations = deviations
+
+    def deviation(self, image: Any, level: Level, column: Any, row: Any, active: Any) -> Any:
+        """Root mean square of what the image is off from a block's function (as :meth:`block`; of each channel); on
+        level 0 it is 0."""
+        index, _, _ = self._index(image, level, column, row)
+        value_type = self._types.Float if self._texels.channels == 1 else self._types.Array3f
+        return dr.gather(value_type, self._deviations, index, active & ~level.full)
+
+    def is_flat(self, level: Level) -> tuple[Any, Any]:
+        """Whether blocks have a mean in place of their slope along u, and along v (Bool)."""
+        return level.flags & _FLAT_U != 0, level.flags & _FLAT_V != 0
+
+    def _index(self, image: Any, level: Level, column: Any, row: Any) -> tuple[Any, Any, Any]:
+        """Where a block is, and -1 for each axis along which it is mirrored, else 1."""
+        t = self._types
+        border = dr.select(level.clamped, t.UInt(1), 0)
+        i, sign_u = _fold(column, level.columns, image.mode, self._modes)
+        j, sign_v = _fold(row, level.rows, image.mode, self._modes)
+        stride = t.UInt(level.columns) + 2 * border
+        return level.offset + dr.fma(t.UInt(j), stride, t.UInt(i)), sign_u, sign_v
+
+    def _reference(self, image: int) -> list[Any]:
+        return self._fetch(image, dr.opaque(self._types.UInt, 0))
+
+    def _fetch(self, image: int, index: Any) -> list[Any]:
+        t = self._types
+        first = dr.opaque(t.UInt, int(self._texels.offsets[image]))
+        value = self._texels.fetch(index + first, dr.opaque(t.Bool, bool(self._srgb[image])), True)
+        return [value] if self._texels.channels == 1 else [value.x, value.y, value.z]
+
+    def _fits(self, distances: bool) -> Iterator[tuple[int, int, list[Any]]]:
+        """Every level above 0 of every image: the image, where its blocks begin, and what they are."""
+        end = 0
+        for i, (width, height) in enumerate(self._sizes.tolist()):
+            reference = self._reference(i)
+            made: list[Any] = []
+            stride = 0
+            for level in range(1, 1 + halvings(max(width, height))):
+                u, v = (side(length, level, self._wraps[i], self._nearest[i]) for length in (width, height))
+                made = fits(partial(self._fetch, i), reference, u, v, made, stride, distances, self._types)
+                yield i, end, made
+                stride = u.stored
+                end += u.stored * v.stored
 
     def _flag(self, flags: Any, bit: int, occurring: Collection[bool]) -> Any:
         return flags & bit != 0 if len(occurring) > 1 else self._types.Bool(True in occurring)
@@ -184,77 +248,6 @@ def _fold(x: Any, size: Any, mode: Any, modes: Collection[int]) -> tuple[Any, An
         result = dr.select(clamped, x + 1, result)
         last = dr.select(clamped, size + 1, last)
     return dr.fmin(dr.fmax(result, 0), last), sign
-
-
-def _halvings(size: int) -> int:
-    return max(0, size - 1).bit_length()
-
-
-def _linear(texels: Any, offset: int, count: int, srgb: bool, types: Types) -> np.ndarray:
-    """The linear values that kernels see: (channels, count), float64."""
-    index = dr.arange(types.UInt, count) + dr.opaque(types.UInt, offset)
-    return np.array(texels.fetch(index, types.Bool(srgb), True), dtype=np.float64).reshape(-1, count)
-
-
-def _blocks(
-    along: _Line, height: int, width: int, level: int, mode: int, nearest: bool
-) -> tuple[np.ndarray, tuple[int, int], tuple[float, float]]:
-    """Of one level: the blocks (rows, columns, channels, 4) with the borders, how many there are along u and v without
-    them, and the size of one."""
-    counts, sizes = [], []
-    for length in (width, height):
-        count = -(-length // 2**level)
-        counts.append(count)
-        beyond = max(0, level - _halvings(length)) if mode != CLAMP else 0
-        sizes.append(length * 2.0**beyond / count)
-    flat = [mode != CLAMP and level > _halvings(length) for length in (width, height)]
-    parts = []
-    for moment in along.moments(counts[0], flat[0]):
-        across = _Line(np.swapaxes(moment, 1, 2), mode, nearest)
-        parts.append([np.swapaxes(m, 1, 2) for m in across.moments(counts[1], flat[1])])
-    (mean, slope_v), (slope_u, mixed) = parts
-    return (
-        np.moveaxis(np.stack([mean, slope_u, slope_v, mixed], -1), 0, 2),
-        (counts[0], counts[1]),
-        (sizes[0], sizes[1]),
-    )
-
-
-class _Line:
-    """Lines of texels along the last axis as functions, with their first and second integrals at any place."""
-
-    def __init__(self, values: np.ndarray, mode: int, nearest: bool) -> None:
-        self._clamped, self._nearest = mode == CLAMP, nearest
-        self._n = values.shape[-1]
-        if nearest:
-            self._left = self._right = values
-        else:
-            before, after = {MIRROR: (0, -1), CLAMP: (0, -1)}.get(mode, (-1, 0))
-            padded = np.concatenate([values[..., [before]], values, values[..., [after]]], -1)
-            self._left, self._right = padded[..., :-1], padded[..., 1:]
-        whole = (self._left + self._right) / 2
-        zero = np.zeros_like(whole[..., :1])
-        self._first = np.concatenate([zero, np.cumsum(whole, -1)], -1)
-        steps = self._first[..., :-1] + self._left / 2 + (self._right - self._left) / 6
-        self._second = np.concatenate([zero, np.cumsum(steps, -1)], -1)
-        self._edges = values[..., [0]], values[..., [-1]]
-
-    def moments(self, count: int, flat: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Means of ``count`` equal blocks, and their slopes (zeros if ``flat``)."""
-        size = self._n / count
-        at = np.arange(count + 1) * size + (0.0 if self._nearest else 0.5)
-        cell = np.minimum(at.astype(np.int64), self._left.shape[-1] - 1)
-        t = at - cell
-        left, rise = self._left[..., cell], self._right[..., cell] - self._left[..., cell]
-        first = self._first[..., cell] + left * t + rise * (t**2 / 2)
-        second = self._second[..., cell] + self._first[..., cell] * t + left * (t**2 / 2) + rise * (t**3 / 6)
-        mean = np.diff(first, axis=-1) / size
-        about_middle = (first[..., 1:] + first[..., :-1]) * (size / 2) - np.diff(second, axis=-1)
-        slope = np.zeros_like(mean) if flat else 12 * about_middle / size**2
-        if self._clamped:
-            mean = np.concatenate([self._edges[0], mean, self._edges[1]], -1)
-            slope = np.pad(slope, [(0, 0)] * (slope.ndim - 1) + [(1, 1)])
-        return mean, slope
 
 
 __all__ = ["BlockMeans", "Level"]

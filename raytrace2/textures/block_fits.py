@@ -1,0 +1,237 @@
+"""The bilinear functions nearest to an image on the blocks of its levels, and how far the image is from them.
+
+Sums over texels are in double precision, along u and then along v, for one band of rows after another.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from ..buffers import owned
+from ..types import Types
+from .block_lines import Side, Taps, pairs, texel_taps
+
+# Sums along u that are kept at a time: about 50 MB of colours.
+_BAND = 2**20
+
+
+def fits(
+    fetch: Any, reference: Any, u: Side, v: Side, before: list[Any], columns_before: int, distances: bool, types: Types
+) -> list[Any]:
+    """Of each channel the blocks of one level, row by row, relative to ``reference`` (a Float a channel): mean, slopes
+    along u and v, mixed slope and, with ``distances``, the mean square of what the image is off from these (Floats).
+
+    ``fetch`` gives the channels of a texel (UInt, from the image's first); ``before`` is this of the level before (of
+    level 1: anything), with ``columns_before`` blocks in a row.
+    """
+    if u.halves and v.halves:
+        return _merged(before, columns_before, u, v, types)
+    return _summed(fetch, reference, u, v, distances, types)
+
+
+def _merged(before: list[Any], stride: int, u: Side, v: Side, types: Types) -> list[Any]:
+    across, down = _Halves(u, types), _Halves(v, types)
+    row, column = _places(u.stored, v.stored, types)
+    columns, rows = across.at(column), down.at(row)
+    result = []
+    wide = dr.opaque(types.UInt, stride)
+    for values in before:
+        found = [
+            [[dr.gather(types.Float, plane, dr.fma(j, wide, i)) for plane in values] for i in columns.index]
+            for j in rows.index
+        ]
+        lines = []
+        for line in found:
+            mean, slope_u, slope_v, mixed = ([block[k] for block in line] for k in range(4))
+            lines.append((
+                _sum(columns.mean, mean), _sum(columns.lift, mean) + _sum(columns.slope, slope_u),
+                _sum(columns.mean, slope_v), _sum(columns.lift, slope_v) + _sum(columns.slope, mixed),
+            ))  # fmt: skip
+        mean, slope_u, slope_v, mixed = ([line[k] for line in lines] for k in range(4))
+        fit = (
+            _sum(rows.mean, mean), _sum(rows.mean, slope_u),
+            _sum(rows.lift, mean) + _sum(rows.slope, slope_v), _sum(rows.lift, slope_u) + _sum(rows.slope, mixed),
+        )  # fmt: skip
+        if len(values) == 4:
+            result.append([*fit])
+            continue
+        # What a part is off from its own fit is at right angles to what that is off from the whole's.
+        off = dr.zeros(types.Float)
+        for j, line in enumerate(found):
+            for i, block in enumerate(line):
+                x, y = columns.place[i], rows.place[j]
+                part = (
+                    fit[0] + x * fit[1] + y * fit[2] + x * y * fit[3],
+                    (fit[1] + y * fit[3]) * columns.share, (fit[2] + x * fit[3]) * rows.share,
+                    fit[3] * (columns.share * rows.share),
+                )  # fmt: skip
+                square = _mean_square([a - b for a, b in zip(part, block[:4], strict=True)])
+                off = off + columns.mean[i] * rows.mean[j] * (block[4] + square)
+        result.append([*fit, off])
+    dr.eval(result)
+    return result
+
+
+class _Halves:
+    """:class:`~raytrace2.textures.block_lines.Pairs` at some blocks."""
+
+    def __init__(self, side: Side, types: Types) -> None:
+        self._types = types
+        made = pairs(side)
+        self._index = owned(made.index, types.UInt)
+        self._weights = owned(
+            np.column_stack([made.mean, made.lift, made.slope, made.place, made.share, 0 * made.share]), types.Float
+        )
+
+    def at(self, block: Any) -> _Halves:
+        t = self._types
+        self.index = list(dr.gather(t.Array2u, self._index, block))
+        pairs_ = [dr.gather(t.Array2f, self._weights, block * 5 + k) for k in range(5)]
+        self.mean, self.lift, self.slope, self.place = (list(p) for p in pairs_[:4])
+        self.share = pairs_[4].x
+        return self
+
+
+def _summed(fetch: Any, reference: Any, u: Side, v: Side, distances: bool, types: Types) -> list[Any]:
+    UInt = types.UInt
+    taps_u, taps_v = texel_taps(u), texel_taps(v)
+    along_u, along_v = _Sums(taps_u, types), _Sums(taps_v, types)
+    channels = len(reference)
+    total = [[dr.empty(types.Float, u.stored * v.stored) for _ in range(4 + distances)] for _ in range(channels)]
+    reach = along_v.taps
+    start = 0
+    while start < v.stored:
+        end = start + 1
+        while end < v.stored and (np.ptp(taps_v.first[start : end + 1]) + reach) * u.stored <= _BAND:
+            end += 1
+        first = int(taps_v.first[start:end].min())
+        count = int(taps_v.first[start:end].max()) + reach - first
+        lines = _lines(fetch, reference, along_u, along_v, first, count, u, distances, types)
+        row, column = _places(u.stored, end - start, types)
+        block = row + dr.opaque(UInt, start)
+        sums = _down(lines, along_v, block, column, first, u.stored, types)
+        index = dr.fma(block, dr.opaque(UInt, u.stored), column)
+        for planes, values in zip(total, sums, strict=True):
+            for plane, value in zip(planes, values, strict=True):
+                dr.scatter(plane, types.Float(value), index)
+        dr.eval(total)
+        start = end
+    return total
+
+
+def _lines(
+    fetch: Any, reference: Any, along_u: _Sums, along_v: _Sums, first: int, count: int, u: Side, distances: bool,
+    types: Types,
+) -> list[Any]:  # fmt: skip
+    """Of texel rows, ``count`` from ``first`` on, summed along u: of each channel the mean, the slope and, with
+    ``distances``, the mean square and the mean product with the row below, each (count * columns)."""
+    UInt, zero = types.UInt, dr.zeros(dr.float64_array_t(types.Float), count * u.stored)
+    local, column = _places(u.stored, count, types)
+    width = dr.opaque(UInt, u.length)
+    line = local + dr.opaque(UInt, first)
+    row, below = along_v.texel(line) * width, along_v.texel(line + 1) * width
+    start = along_u.first(column)
+
+    def turn(k: Any, before: Any, sums: Any) -> tuple[Any, ...]:
+        texel = along_u.texel(start + k)
+        mean, slope, square, cross = along_u.weights(column, k)
+        here = fetch(row + texel)
+        under = fetch(below + texel) if distances else here
+        result, values = [], []
+        for c, total in enumerate(sums):
+            a = type(zero)(here[c] - reference[c])
+            total = [dr.fma(mean, a, total[0]), dr.fma(slope, a, total[1]), *total[2:]]
+            if distances:
+                b = type(zero)(under[c] - reference[c])
+                a0, b0 = before[c]
+                total[2] = total[2] + a * dr.fma(square, a, 2 * cross * a0)
+                total[3] = total[3] + dr.fma(square, a * b, cross * (a0 * b + a * b0))
+                values.append([a, b])
+            result.append(total)
+        return k + 1, values, result
+
+    channels = len(reference)
+    before = [[zero] * 2 for _ in range(channels * distances)]
+    state = dr.zeros(UInt, len(zero)), before, [[zero] * (4 if distances else 2) for _ in range(channels)]
+    last = dr.opaque(UInt, along_u.taps)
+    sums = dr.while_loop(state, lambda k, *_: k < last, turn, label="texels of blocks along u")[2]
+    dr.eval(sums)
+    return sums
+
+
+def _down(
+    lines: list[Any], along_v: _Sums, block: Any, column: Any, first: int, stride: int, types: Types
+) -> list[list[Any]]:
+    """Blocks (rows ``block``) from the sums of rows, of which ``lines`` has those from ``first`` on."""
+    UInt = types.UInt
+    zero = dr.zeros(dr.float64_array_t(types.Float), len(block))
+    start = along_v.first(block) - dr.opaque(UInt, first)
+    wide = dr.opaque(UInt, stride)
+
+    def turn(k: Any, before: Any, sums: Any) -> tuple[Any, ...]:
+        index = dr.fma(start + k, wide, column)
+        mean, slope, square, cross = along_v.weights(block, k)
+        result, products = [], []
+        for c, (planes, total) in enumerate(zip(lines, sums, strict=True)):
+            level, rise, *rest = (dr.gather(type(zero), plane, index) for plane in planes)
+            total = [
+                dr.fma(mean, level, total[0]), dr.fma(mean, rise, total[1]), dr.fma(slope, level, total[2]),
+                dr.fma(slope, rise, total[3]), *total[4:],
+            ]  # fmt: skip
+            if rest:
+                total[4] = total[4] + dr.fma(square, rest[0], 2 * cross * before[c])
+                products.append(rest[1])
+            result.append(total)
+        return k + 1, products, result
+
+    distances = len(lines[0]) > 2
+    state = dr.zeros(UInt, len(block)), [zero] * (len(lines) * distances), [[zero] * (4 + distances) for _ in lines]
+    last = dr.opaque(UInt, along_v.taps)
+    sums = dr.while_loop(state, lambda k, *_: k < last, turn, label="rows of blocks along v")[2]
+    return [[*s[:4], *(dr.fmax(square - _mean_square(s[:4]), 0) for square in s[4:])] for s in sums]
+
+
+class _Sums:
+    """:class:`~raytrace2.textures.block_lines.Taps` for kernels."""
+
+    def __init__(self, taps: Taps, types: Types) -> None:
+        self.taps = taps.mean.shape[1]
+        self._types = types
+        self._double = dr.float64_array_t(types.Float)
+        self._texels = owned(np.append(taps.texels, taps.texels[-1]), types.UInt)
+        self._first = owned(taps.first, types.UInt)
+        packed = np.stack([taps.mean, taps.slope, taps.square, taps.cross], -1)
+        self._weights = owned(packed, self._double)
+        self._count = dr.opaque(types.UInt, self.taps)
+
+    def first(self, block: Any) -> Any:
+        return dr.gather(self._types.UInt, self._first, block)
+
+    def texel(self, k: Any) -> Any:
+        return dr.gather(self._types.UInt, self._texels, k)
+
+    def weights(self, block: Any, k: Any) -> list[Any]:
+        entry = dr.fma(block, self._count, k)
+        return list(dr.gather(dr.float64_array_t(self._types.Array4f), self._weights, entry))
+
+
+def _places(columns: int, rows: int, types: Types) -> tuple[Any, Any]:
+    block = dr.arange(types.UInt, columns * rows)
+    wide = dr.opaque(types.UInt, columns)
+    row = block // wide
+    return row, block - row * wide
+
+
+def _sum(weights: list[Any], values: list[Any]) -> Any:
+    return dr.fma(weights[1], values[1], weights[0] * values[0])
+
+
+def _mean_square(fit: Any) -> Any:
+    """The mean square over a block of a bilinear function."""
+    return dr.square(fit[0]) + (dr.square(fit[1]) + dr.square(fit[2])) * (1 / 12) + dr.square(fit[3]) * (1 / 144)
+
+
+__all__ = ["fits"]
