@@ -22,6 +22,8 @@ from .block_fits import fits
 from .block_lines import halvings, side
 from .wrap import CLAMP, MIRROR
 
+# Texels that are looked at in one go.
+_CHUNK = 2**22
 _BORDER, _NEAREST, _FLAT_U, _FLAT_V = 1, 2, 4, 8
 
 
@@ -90,6 +92,7 @@ class BlockMeans:
             raise ValueError(f"{end} blocks of texels are more than a table holds; scale the images down")
         self._count = end
         self._deviations: Any = None
+        self._spreads: Any = None
         self._blocks = dr.zeros(types.Float, max(end, 1) * 4 * texels.channels)
         for i, first, made in self._fits(False):
             for c, fit in enumerate(made):
@@ -100,6 +103,7 @@ class BlockMeans:
         for i in range(len(sizes)):
             images[i, : texels.channels] = [float(v[0]) for v in self._reference(i)]
             images[i, 4:7] += images[i, :3]
+        self._means = images[:, 4:7]
         self._where = owned(where, types.UInt)
         self._extents = owned(extents, types.Float)
         self._images: Any = [owned(v, types.Float) for v in images[0]] if self._single else owned(images, types.Float)
@@ -170,7 +174,7 @@ class BlockMeans:
         return tuple(dr.select(level.full, a, b) for a, b in zip((mean, slope_u, slope_v, mixed), found, strict=True))
 
     def build_deviations(self) -> None:
-        """What :meth:`deviation` reads, if it is not there yet; not within a symbolic loop."""
+        """What :meth:`deviation` and :meth:`spread` read, if it is not there yet; not within a symbolic loop."""
         if self._deviations is not None:
             return
         t, channels = self._types, self._texels.channels
@@ -181,6 +185,20 @@ class BlockMeans:
                 dr.scatter(deviations, dr.sqrt(fit[4]), block * channels + c)
             dr.eval(deviations)
         self._deviations = deviations
+        spreads = np.zeros((len(self._sizes), 4))
+        for i, (width, height) in enumerate(self._sizes.tolist()):
+            for first in range(0, width * height, _CHUNK):
+                index = dr.arange(t.UInt, min(_CHUNK, width * height - first)) + dr.opaque(t.UInt, first)
+                for c, value in enumerate(self._fetch(i, index)):
+                    most = dr.max(dr.abs(value - dr.opaque(t.Float, float(self._means[i, c]))))
+                    spreads[i, c] = max(spreads[i, c], float(most[0]))
+        self._spreads = owned(spreads, t.Float)
+
+    def spread(self, image: Any, active: Any) -> Any:
+        """The largest distance of a texel of ``image`` from its mean (of each channel); built as :meth:`deviation`."""
+        t = self._types
+        found = dr.gather(t.Array4f, self._spreads, t.UInt(0) if self._single else image.place, active)
+        return found.x if self._texels.channels == 1 else t.Array3f(found.x, found.y, found.z)
 
     def deviation(self, image: Any, level: Level, column: Any, row: Any, active: Any) -> Any:
         """Root mean square of what the image is off from a block's function (as :meth:`block`; of each channel); on

@@ -69,7 +69,7 @@ def built(t: Types, pixels: np.ndarray, mode: Any, nearest: bool) -> tuple[Bitma
 SIDES = st.integers(1, 40)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(
     w=SIDES, h=SIDES, mode=st.sampled_from(["repeat", "mirror", "clamp"]), nearest=st.booleans(), colour=st.booleans()
 )

@@ -63,6 +63,33 @@ def exact_with_reads(
     return look_up.value(total, weight), look_up.reads(blocks)
 
 
+def exact_with_error(
+    bitmaps: Any, image: Any, uv: Any, footprint: Any, settings: Any, active: Any = True
+) -> tuple[Any, Any]:
+    """As :func:`exact`, and a bound on what coarser levels make it err (of the value's type; 0 on level 0).
+
+    On a block let r be what the image is off from the block's bilinear function, d the root of its mean square, which
+    is stored, and w the pixel filter. The integral of r times any bilinear function is 0, so what the block misses is
+    the integral of r (w - p), p being the bilinear function nearest to w, and by Cauchy and Schwarz at most d times
+    the norm of w - p. The bound is the sum of these over the integral of w; blocks wholly inside a box add nothing. An
+    image that looks like w - p on every block attains it. Where the image's mean stands for many periods, the bound is
+    the largest distance of a texel from it.
+
+    For the box it holds up to round-off, for footprints at least as wide as :func:`exact` makes them; those that count
+    as points have 0. For the tent and the Gaussian quadrature and cut-off come on top. The deviations of the blocks are
+    made on the first call, which thus may not be within a symbolic loop unless
+    :meth:`~raytrace2.textures.block_means.BlockMeans.build_deviations` came before.
+    """
+    bitmaps.blocks.build_deviations()
+    kernel = make_kernel(settings.pixel)
+    look_up = LookUp(bitmaps, image, uv, footprint, settings, kernel, active)
+    region, moments = look_up.region, kernel.moments(look_up.footprint, squares=True)
+    total, weight, _, missed = integrate(
+        bitmaps, look_up.grid, lambda k: region, None, moments, look_up.walks, look_up.most, bounds=True
+    )
+    return look_up.value(total, weight), look_up.error(missed, weight)
+
+
 class LookUp:
     """What comes before and after the sum over blocks: which level, where on it, and what is no case for a sum.
 
@@ -128,6 +155,14 @@ class LookUp:
         value = self.grid.reference + total / dr.select(filled, weight, 1)
         value = dr.select(self.walks & filled, value, self._mean)
         return dr.select(self._point, self._at_point(), value)
+
+    def error(self, missed: Any, weight: Any) -> Any:
+        """A bound on the error of :meth:`value` from one on that of the sum."""
+        bitmaps, image, _, active = self._known
+        filled = dr.isfinite(weight) & (weight != 0)
+        error = missed / dr.select(filled, dr.abs(weight), 1)
+        error = dr.select(self.walks & filled, error, bitmaps.blocks.spread(image, active))
+        return dr.select(self._point, 0, error)
 
     def reads(self, blocks: Any) -> Any:
         """Numbers a channel that were read for ``blocks`` blocks."""

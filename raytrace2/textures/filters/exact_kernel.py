@@ -45,15 +45,19 @@ class Kernel:
         """The least width (cells a pixel) of a footprint whose integrals come out right."""
         return _SHARPEST / self.deviation
 
-    def moments(self, footprint: Parallelogram, invert: Any = None) -> Any:
+    def moments(self, footprint: Parallelogram, invert: Any = None, squares: bool = False) -> Any:
         """``(region, left, bottom, width, height)`` to integrals of 1, x, y, x y over the part of a cell in the region,
-        x and y counted from the middle of the cell."""
+        x and y counted from the middle of the cell; with ``squares`` that of the weight's square as well."""
+        if self.eval is None and squares:
+            return lambda region, *cell: _with_area(region.moments(*cell))
         if self.eval is None:
             return lambda region, *cell: region.moments(*cell)
         invert = invert or _inverse_of(footprint)
-        return lambda region, *cell: self._sums(invert, region, *cell)
+        return lambda region, *cell: self._sums(invert, squares, region, *cell)
 
-    def _sums(self, invert: Any, region: Region, left: Any, bottom: Any, width: Any, height: Any) -> Any:
+    def _sums(
+        self, invert: Any, squares: bool, region: Region, left: Any, bottom: Any, width: Any, height: Any
+    ) -> tuple[Any, ...]:
         assert self.eval is not None
         nodes, weights = np.polynomial.legendre.leggauss(_POINTS)
         half = 0.5 * region.extent()
@@ -64,6 +68,7 @@ class Kernel:
         dx, dy = dr.fmax(x1 - x0, 0) * 0.5, dr.fmax(y1 - y0, 0) * 0.5
         mx, my = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
         total = [dr.zeros(type(left)) for _ in range(4)]
+        square = dr.zeros(type(left))
         for node_y, weight_y in zip(nodes.tolist(), weights.tolist(), strict=True):
             y = dr.fma(dy, node_y, my)
             row = row_x = dr.zeros(type(left))
@@ -75,11 +80,17 @@ class Kernel:
                     weight = weight * density
                 row = row + weight
                 row_x = dr.fma(weight, x - left - 0.5, row_x)
+                if squares:
+                    square = dr.fma(weight * weight, weight_y / weight_x, square)
             row, row_x = row * weight_y, row_x * weight_y
             y = y - bottom - 0.5
             total = [total[0] + row, total[1] + row_x, dr.fma(row, y, total[2]), dr.fma(row_x, y, total[3])]
         area = dx * dy
-        return tuple(v * area for v in total)
+        return tuple(v * area for v in ([*total, square] if squares else total))
+
+
+def _with_area(moments: tuple[Any, ...]) -> tuple[Any, ...]:
+    return *moments, dr.abs(moments[0])
 
 
 def _inverse_of(footprint: Parallelogram) -> Callable[[Any, Any], tuple[Any, Any, None]]:

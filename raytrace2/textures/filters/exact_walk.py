@@ -43,7 +43,7 @@ def make_grid(bitmaps: Any, image: Any, level: Any, centre: Any, reference: Any)
     return Grid(image, level, reference, base, lowest, highest), at - base
 
 
-Moments = Callable[[Any, Any, Any, Any, Any], tuple[Any, Any, Any, Any]]
+Moments = Callable[[Any, Any, Any, Any, Any], tuple[Any, ...]]
 
 
 def integrate(
@@ -54,35 +54,42 @@ def integrate(
     moments: Moments,
     active: Any,
     most: int,
-) -> tuple[Any, Any, Any]:
+    bounds: bool = False,
+) -> tuple[Any, ...]:
     """Integral of the image (less ``grid.reference``) over parallelograms, that of 1, and how many blocks were read
     (UInt).
 
     There are ``count`` parallelograms (UInt, or None for one), ``pieces(k)`` being one, and ``moments`` integrates 1,
     x, y, x y over the part in a cell given by ``(piece, left, bottom, width, height)``. No lane reads more than
-    ``most`` blocks; a piece with a coordinate that is NaN takes no turn.
+    ``most`` blocks; a piece with a coordinate that is NaN takes no turn. With ``bounds`` ``moments`` has the integral
+    of its weight's square as well, and a bound on what the blocks' functions make the first integral err follows.
     """
     zero = grid.base.x * 0
     t = types_of(zero)
     piece = pieces(dr.zeros(t.UInt, dr.width(zero)))
     row, last_row = _rows(grid, piece)
     column, last = _columns(grid, piece, row)
-    state = (
+    state: tuple[Any, ...] = (
         dr.zeros(t.UInt, dr.width(zero)), row, last_row, column, last,
         dr.zeros(type(grid.reference), dr.width(zero)), dr.zeros(t.Float, dr.width(zero)),
         dr.zeros(t.UInt, dr.width(zero)), t.Bool(active) & (row <= last_row),
     )  # fmt: skip
+    if bounds:
+        state = (dr.zeros(type(grid.reference), dr.width(zero)), *state)
 
-    def turn(
-        k: Any, row: Any, last_row: Any, column: Any, last: Any, total: Any, weight: Any, reads: Any, going: Any
-    ) -> tuple[Any, ...]:
+    def turn(*state: Any) -> tuple[Any, ...]:
+        *bound, k, row, last_row, column, last, total, weight, reads, going = state
         here = piece if count is None else pieces(k)
         left, bottom, width, height = _cell(grid, here, column, row)
-        m, mx, my, mxy = moments(here, left, bottom, width, height)
+        m, mx, my, mxy, *square = moments(here, left, bottom, width, height)
         mean, slope_u, slope_v, mixed = bitmaps.blocks.block(
             bitmaps, grid.image, grid.level, grid.reference, grid.base.x + column, grid.base.y + row, going
         )
         total = total + (mean * m + slope_u * mx + (slope_v * my + mixed * mxy))
+        if bounds:
+            deviation = bitmaps.blocks.deviation(grid.image, grid.level, grid.base.x + column, grid.base.y + row, going)
+            beyond = _beyond_bilinear(bitmaps, grid, (m, mx, my, mxy), square[0], width, height)
+            bound[0] = bound[0] + deviation * beyond
         column = column + 1
         next_row = column > last
         row = dr.select(next_row, row + 1, row)
@@ -99,10 +106,26 @@ def integrate(
         going &= reads < most - 1
         first, end = _columns(grid, following, row)
         column, last = dr.select(next_row, first, column), dr.select(next_row, end, last)
-        return k, row, last_row, column, last, total, weight + m, reads + 1, going
+        return *bound, k, row, last_row, column, last, total, weight + m, reads + 1, going
 
-    *_, total, weight, reads, _ = dr.while_loop(state, lambda *s: s[-1], turn, label="blocks of a footprint")
-    return total, weight, reads
+    bound, *_, total, weight, reads, _ = dr.while_loop(state, lambda *s: s[-1], turn, label="blocks of a footprint")
+    return (total, weight, reads, bound) if bounds else (total, weight, reads)
+
+
+def _beyond_bilinear(bitmaps: Any, grid: Grid, moments: tuple[Any, ...], square: Any, width: Any, height: Any) -> Any:
+    """What a weight (of these ``moments``, and the integral of its ``square``) is off from the nearest bilinear
+    function on the cell, as the root of an integral, times that of the cell's area.
+
+    That function integrates to 0 with what a block leaves of the image, so this times the block's deviation bounds the
+    integral of weight and image that the block misses (Cauchy and Schwarz).
+    """
+    m, mx, my, mxy = moments
+    area = width * height
+    flat_u, flat_v = bitmaps.blocks.is_flat(grid.level)
+    # Moments across endless cells are none.
+    along_u, along_v = dr.select(flat_u | (width != 1), 0, m * 0 + 12), dr.select(flat_v | (height != 1), 0, m * 0 + 12)
+    within = (m * m + along_u * mx * mx) + along_v * (my * my + along_u * mxy * mxy)
+    return dr.sqrt(dr.fmax(square * area - within, 0))
 
 
 def _rows(grid: Grid, piece: Region) -> tuple[Any, Any]:
