@@ -41,11 +41,11 @@ def exact(bitmaps: Any, image: Any, uv: Any, footprint: Any, settings: Any, acti
 
     A footprint that is too large for level 0 meets blocks of about ``settings.budget`` numbers a channel (between 0.7
     and 1.4 of it, on average over its places). On level 0 the box filter's integral is exact up to round-off, and the
-    others' up to a quadrature of 4 x 4 points a cell; Gaussians are cut off at 3.2 deviations, beyond which 0.5 % of
-    their weight lies. On coarser levels what errs is how the image differs, within the blocks that the rim cuts, from
-    the nearest bilinear function. Beyond the edges of a clamped image its outermost texels go on for ever, which is
-    integrated as well. Footprints far below a texel give the texture's own reconstruction to the last bit; infinite and
-    NaN ones, and those of many periods, the image's mean.
+    others' up to a quadrature of 4 x 4 points a cell; of Gaussians what lies beyond 2.9 deviations, 1.5 % of their
+    weight, is seen only in part. On coarser levels what errs is how the image differs, within the blocks that the rim
+    cuts, from the nearest bilinear function (:func:`exact_with_error` bounds it). Beyond the edges of a clamped image
+    its outermost texels go on for ever, which is integrated as well. Footprints far below a texel give the texture's
+    own reconstruction to the last bit; infinite and NaN ones, and those of many periods, the image's mean.
     """
     return exact_with_reads(bitmaps, image, uv, footprint, settings, active)[0]
 

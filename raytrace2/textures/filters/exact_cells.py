@@ -30,6 +30,10 @@ class Parallelogram:
         """Its area (Float), negative where ``a`` and ``b`` are clockwise."""
         return self.a.x * self.b.y - self.a.y * self.b.x
 
+    def transposed(self) -> Parallelogram:
+        """The same with x for y."""
+        return Parallelogram(*(type(v)(v.y, v.x) for v in (self.centre, self.a, self.b)))
+
     def columns(self, bottom: Any, top: Any) -> tuple[Any, Any]:
         """Least and greatest x (Float) among its points with y in [bottom, top], which must be met; more of them where
         edges are nearly level."""
@@ -48,6 +52,19 @@ class Parallelogram:
             least = dr.select(bounds, dr.fmax(least, dr.fma(low, slope, -reach)), least)
             greatest = dr.select(bounds, dr.fmin(greatest, dr.fma(high, slope, reach)), greatest)
         return c.x + least, c.x + greatest
+
+    def chord(self, y: Any) -> tuple[Any, Any]:
+        """Least and greatest x among its points at ``y`` (Float), which must be met; as :meth:`columns`."""
+        half, y = 0.5 * self.extent().x, y - self.centre.y
+        area = dr.abs(self.area())
+        least, greatest = -half, half
+        for edge in (self.a, self.b):
+            bounds = dr.abs(edge.y) > _FLAT
+            inverse = dr.rcp(dr.select(bounds, edge.y, 1))
+            middle, reach = y * (edge.x * inverse), 0.5 * area * dr.abs(inverse)
+            least = dr.select(bounds, dr.fmax(least, middle - reach), least)
+            greatest = dr.select(bounds, dr.fmin(greatest, middle + reach), greatest)
+        return self.centre.x + least, self.centre.x + greatest
 
     def moments(self, left: Any, bottom: Any, width: Any, height: Any) -> tuple[Any, Any, Any, Any]:
         """Integrals of 1, x, y and x y over the part that lies in a cell, from whose middle x and y count: exact up to

@@ -136,15 +136,16 @@ def test_whole_blocks_and_the_finest_level_have_no_error() -> None:
 
 @pytest.mark.parametrize("pixel", ["tent", "gaussian"])
 @pytest.mark.parametrize("name", TEXTURES)
-def test_smooth_filters(name: str, pixel: str) -> None:
-    """Quadrature and cut-off come on top, which are small for footprints that are not needles."""
+@pytest.mark.parametrize("mode", ["repeat", "clamp"])
+def test_smooth_filters(name: str, mode: str, pixel: str) -> None:
+    """Quadrature and cut-off come on top, which are small, needles and edges that go on for ever included."""
     rng = np.random.default_rng(5)
     n = 1000
     length, angle = 10 ** rng.uniform(0, 1.7, n), rng.uniform(0, 2 * np.pi, n)
     a = length * np.array([np.cos(angle), np.sin(angle)])
-    b = length * rng.uniform(0.3, 1, n) * np.array([-np.sin(angle), np.cos(angle)])
-    centre = rng.uniform(0, 48, (2, n))
-    of = bitmaps(T64, name, "repeat")
+    b = length * 10 ** rng.uniform(-2, 0, n) * np.array([-np.sin(angle), np.cos(angle)])
+    centre = rng.uniform(-20, 90, (2, n))
+    of = bitmaps(T64, name, mode)
     truth = look_up(T64, of, exact_with_reads, FINEST, centre, a, b, pixel)[0]
     value, bound = look_up(T64, of, exact_with_error, 100, centre, a, b, pixel)
     assert (np.abs(value - truth) <= bound + 0.01).all()
