@@ -109,37 +109,37 @@ def _bounce(
     goes_on = s.active & si.valid & (s.depth + 1 < max_depth)
     material = scene.material(si, goes_on)
 
+    direct, lit, shadow_ray = None, None, None
     if materials.has_smooth_any and lights.count:
         lit = goes_on & materials.has_smooth(material, goes_on)
         light = lights.sample(si.p, sampler.next_2d(), lit)
         lit &= light.pdf > 0
         shadow_ray = si.spawn_ray_to(light.p)
-        wo = si.to_local(light.d)
-        value, bsdf_pdf = materials.eval_pdf(si, material, wo, goes_on)
+        value, bsdf_pdf = materials.eval_pdf(si, material, si.to_local(light.d), goes_on)
         lit &= dr.max(value) > 0
-        lit &= ~structure.occluded(shadow_ray, lit)
         weight = dr.select(light.delta, 1, power_heuristic(light.pdf, bsdf_pdf))
         direct = s.throughput * value * light.weight * weight
-        s.radiance = dr.select(lit, s.radiance + direct, s.radiance)
 
+    # Before the shadow ray: Dr.Jit sees no two values as the same that are computed on either side of a traversal.
     scatter = meeting.scatter
     sample = materials.sample(scatter, material, sampler.next_1d(), sampler.next_2d(), goes_on)
     onward = scatter.spawn_ray(scatter.to_world(sample.wo))
+    # What lanes carry that do not go on means nothing.
     if s.differential is not None:
-        left = differentials.leave(meeting, sample, onward, s.differential)
-        s.differential = dr.select(goes_on, left, s.differential)
+        s.differential = differentials.leave(meeting, sample, onward, s.differential)
         onward, sample = dr.detach(onward), dr.detach(sample)
-    s.ray = dr.select(goes_on, onward, s.ray)
-    s.throughput = dr.select(goes_on, s.throughput * sample.weight, s.throughput)
+    s.ray, s.origin = onward, si.p
+    s.throughput = s.throughput * sample.weight
     gain = dr.max(s.throughput)
     if s.eta is not None:
-        s.eta = dr.select(goes_on, s.eta * sample.eta, s.eta)
+        s.eta = s.eta * sample.eta
         gain *= s.eta * s.eta
     s.shown |= goes_on & ~sample.null
-    s.origin = dr.select(goes_on, si.p, s.origin)
-    s.pdf = dr.select(goes_on, sample.pdf, s.pdf)
-    s.delta = dr.select(goes_on, sample.delta, s.delta)
+    s.pdf, s.delta = sample.pdf, sample.delta
     s.depth = dr.select(si.valid, s.depth + 1, s.depth)
+    if direct is not None:
+        lit &= ~structure.occluded(shadow_ray, lit)
+        s.radiance = dr.select(lit, s.radiance + direct, s.radiance)
 
     survival = dr.fmin(gain, t.Float(0.95))
     at_risk = s.depth >= rr_depth

@@ -7,6 +7,7 @@ from typing import Any
 
 import drjit as dr
 
+from ..rays.footprint import shared
 from ..scene.description import DiffuseBsdf
 from ..textures import TextureParameter, TextureTable
 from ..warp import (
@@ -36,7 +37,7 @@ class Diffuse:
     ) -> BsdfSample:
         """A direction of density cos / pi; with a ``spread`` of normals, some at random."""
         t = self._types
-        active = active & (wi.z > 0)
+        active = self._front(si, wi, place, active)
         if spread is not None:
             uniform = sample1 < spread.share
             wo = dr.select(uniform, square_to_uniform_hemisphere(sample2), square_to_cosine_hemisphere(sample2))
@@ -52,7 +53,7 @@ class Diffuse:
         self, si: Any, wi: Any, wo: Any, place: Any, active: Any, spread: Spread | None = None
     ) -> tuple[Any, Any]:
         """Value times cosine, and density, of ``wo``."""
-        front = active & (wi.z > 0)
+        front = self._front(si, wi, place, active)
         if spread is not None:
             lit = front & (wo.z > 0)
             pdf = dr.select(lit, dr.lerp(wo.z * INV_PI, 0.5 * INV_PI, spread.share), 0)
@@ -60,6 +61,9 @@ class Diffuse:
         pdf = dr.select(front & (wo.z > 0), wo.z * INV_PI, 0)
         # The mask is that of sample(), so that Dr.Jit sees one look-up where a kernel does both.
         return self._reflectance.eval(place, si, front) * pdf, pdf
+
+    def _front(self, si: Any, wi: Any, place: Any, active: Any) -> Any:
+        return shared(si, (id(self), "front", place, active), lambda: active & (wi.z > 0))
 
     def albedo(self, si: Any, place: Any, active: Any) -> Any:
         """The reflectance, on either side."""

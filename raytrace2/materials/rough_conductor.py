@@ -9,6 +9,7 @@ import drjit as dr
 import numpy as np
 
 from ..buffers import owned
+from ..rays.footprint import shared
 from ..scene.description import ConductorBsdf, ConstantTexture, RoughConductorBsdf
 from ..textures import TextureParameter, TextureTable
 from .conductor import is_perfect
@@ -58,7 +59,7 @@ class RoughConductor:
     ) -> BsdfSample:
         """The mirror direction about a sampled microfacet normal."""
         t = self._types
-        active = active & (wi.z > 0)
+        active = shared(si, (id(self), "front", place, active), lambda: active & (wi.z > 0))
         facets, turn, turn_back = self._facets(si, place, active, spread)
         mirrors = self._mirrors(place, facets, active)
         wi = turn(wi)
@@ -86,7 +87,7 @@ class RoughConductor:
         self, si: Any, wi: Any, wo: Any, place: Any, active: Any, spread: Spread | None = None
     ) -> tuple[Any, Any]:
         """Value times cosine, and density, of ``wo``."""
-        active = active & (wi.z > 0)
+        active = shared(si, (id(self), "front", place, active), lambda: active & (wi.z > 0))
         facets, turn, _ = self._facets(si, place, active, spread)
         if self.delta:
             active = active & ~self._mirrors(place, facets, active)

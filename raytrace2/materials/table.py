@@ -7,6 +7,7 @@ from typing import Any
 
 import drjit as dr
 
+from ..rays.footprint import shared
 from ..scene.description import (
     Bsdf,
     ConductorBsdf,
@@ -109,7 +110,7 @@ class MaterialTable:
     def sample(self, si: Any, material: Any, sample1: Any, sample2: Any, active: Any = True) -> BsdfSample:
         """A direction for ``si.wi``: ``sample1`` (Float) chooses the lobe, ``sample2`` (Array2f) the direction."""
         active = self.types.Bool(active)
-        side = self._meet(material, si.wi, active)
+        side = self._meet(si, material, active)
         opacity = solid = None
         reached = active
         if self._masks:
@@ -119,8 +120,7 @@ class MaterialTable:
             reached = active & solid
         maps = self._maps(si, material, side, active)
         result: Any = None
-        for leaf, chosen, here in self._dispatch(side.leaf, reached):
-            place = handles.place_of(side.leaf)
+        for leaf, place, chosen, here in self._dispatch(si, side.leaf, reached):
             if maps is None:
                 one = leaf.sample(si, side.wi, place, sample1, sample2, here)
             else:
@@ -139,12 +139,11 @@ class MaterialTable:
         if not self.has_smooth_any:
             return value, pdf
         active = t.Bool(active)
-        side = self._meet(material, si.wi, active)
+        side = self._meet(si, material, active)
         maps = self._maps(si, material, side, active)
         wo = side.turn(wo)
-        for leaf, _, here in self._dispatch(side.leaf, active):
+        for leaf, place, _, here in self._dispatch(si, side.leaf, active):
             if leaf.smooth:
-                place = handles.place_of(side.leaf)
                 if maps is None:
                     one = leaf.eval_pdf(si, side.wi, wo, place, here)
                 else:
@@ -176,10 +175,10 @@ class MaterialTable:
         result = dr.zeros(t.Array3f)
         if not self.has_smooth_any:
             return result
-        side = self._meet(material, si.wi, active)
-        for leaf, _, here in self._dispatch(side.leaf, active):
+        side = self._meet(si, material, active)
+        for leaf, place, _, here in self._dispatch(si, side.leaf, active):
             if leaf.smooth:
-                result = dr.select(here, leaf.albedo(si, handles.place_of(side.leaf), here), result)
+                result = dr.select(here, leaf.albedo(si, place, here), result)
         return result
 
     @property
@@ -189,7 +188,7 @@ class MaterialTable:
 
     def shading_normal(self, si: Any, material: Any, active: Any = True) -> Any:
         """The normal (Array3f, world coordinates) that shading works with: the map's, where there is one."""
-        side = self._meet(material, si.wi, self.types.Bool(active))
+        side = self._meet(si, material, self.types.Bool(active))
         maps = self._maps(si, material, side, self.types.Bool(active))
         if maps is None:
             return si.sh_frame.n
@@ -213,18 +212,26 @@ class MaterialTable:
         widens, draws = any(k.widens for k in kinds), any(not k.widens for k in kinds)
         return self._reliefs.at(si, side.wi, entry, active, widens=widens, draws=draws)
 
-    def _meet(self, material: Any, wi: Any, active: Any) -> Side:
+    def _meet(self, si: Any, material: Any, active: Any) -> Side:
         material = self.types.UInt(material)
-        return self._sides.meet(material, wi, active) if self._sides else Side(material, wi, None)
+        if self._sides is None:
+            return Side(material, si.wi, None)
+        side = self._sides.meet(material, si.wi, active)
+        # Its ``wi`` may carry derivatives, where that of who asks next does not.
+        side.leaf, side.flipped = shared(si, (id(self), "side", material, active), lambda: (side.leaf, side.flipped))
+        return side
 
-    def _dispatch(self, leaf: Any, active: Any) -> Iterator[tuple[Any, Any, Any]]:
-        """(table of a kind, lanes that are of it, those of them that are active), for each kind."""
-        for kind, table in self._leaves.items():
-            if len(self._leaves) == 1:
-                yield table, None, active
-            else:
-                chosen = handles.kind_of(leaf) == kind
-                yield table, chosen, active & chosen
+    def _dispatch(self, si: Any, leaf: Any, active: Any) -> Iterator[tuple[Any, Any, Any, Any]]:
+        """(table of a kind, place in it, lanes that are of it, those of them that are active), for each kind."""
+        single = len(self._leaves) == 1
+
+        def lanes() -> list[tuple[Any, Any, Any]]:
+            place, chosen = handles.place_of(leaf), [handles.kind_of(leaf) == kind for kind in self._leaves]
+            return [(place, None, active) if single else (place, c, active & c) for c in chosen]
+
+        found = shared(si, (id(self), "lanes", leaf, active), lanes)
+        for table, (place, chosen, here) in zip(self._leaves.values(), found, strict=True):
+            yield table, place, chosen, here
 
     def _leaf(self, handle: int) -> Any:
         return self._leaves[handles.kind_of(handle)]

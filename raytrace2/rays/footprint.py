@@ -33,8 +33,9 @@ class Footprint:
     def once(self, what: tuple[Any, ...], look_up: Callable[[], Any]) -> Any:
         """``look_up()``, or what it gave before for the same ``what``.
 
-        Look-ups over footprints are loops, which Dr.Jit does not recognise as the same: a material that is sampled and
-        evaluated would do them twice. Dr.Jit arrays in ``what`` count as the variables that they are.
+        Look-ups over footprints have loops and branches, which Dr.Jit does not recognise as the same, nor anything that
+        is computed on either side of one: a material that is sampled and evaluated would do them twice. Dr.Jit arrays
+        in ``what`` count as the variables that they are.
         """
         key = tuple(x.index if dr.is_jit_v(x) else x for x in what)
         if key not in self._looked_up:
@@ -50,3 +51,9 @@ class Footprint:
         """The same under a linear map of uv: ``linear(v)`` is the image of a vector ``v``."""
         dxx, dxy, dyy = (None if v is None else linear(v) for v in (self.dxx, self.dxy, self.dyy))
         return Footprint(linear(self.dx), linear(self.dy), dxx, dxy, dyy, self.random, self.flags)
+
+
+def shared(si: Any, what: tuple[Any, ...], compute: Callable[[], Any]) -> Any:
+    """:meth:`Footprint.once` for what is computed at ``si``; where it has no footprint, look-ups are such that Dr.Jit
+    shares them by itself."""
+    return compute() if si.footprint is None else si.footprint.once(what, compute)

@@ -157,13 +157,22 @@ class Bitmaps:
         assert self.pyramid is not None
         return self.pyramid.level(image, level, active)
 
+    def two_levels(self, image: Image, level: Any, active: Any) -> tuple[Image, Image, Any]:
+        """The image at ``level`` (UInt) of its pyramid and at the next one, and whether that is another (Bool)."""
+        assert self.pyramid is not None
+        return self.pyramid.two_levels(image, level, active)
+
     def texel(self, image: Image, column: Any, row: Any, active: Any) -> Any:
         """The linear value at a column and row that are in range: Array3f, or Float where there is one channel."""
+        return self.several(image, [(column, row)], active)[0]
+
+    def several(self, image: Image, places: Sequence[tuple[Any, Any]], active: Any) -> list[Any]:
+        """:meth:`texel` of some ``places`` (column, row), for less than one by one."""
         u = self._types.UInt
-        index = dr.fma(u(row), u(image.width), u(column)) + image.offset
+        indices = [dr.fma(u(row), u(image.width), u(column)) + image.offset for column, row in places]
         if self.pyramid is not None:
-            return self.pyramid.fetch(image, index, active)
-        return self.texels.fetch(index, image.srgb, active)
+            return self.pyramid.fetch(image, indices, active)
+        return [self.texels.fetch(index, image.srgb, active) for index in indices]
 
 
 def check_bitmap(bitmap: BitmapTexture) -> None:

@@ -9,6 +9,7 @@ import drjit as dr
 import numpy as np
 
 from ..buffers import owned
+from ..rays.footprint import shared
 from ..scene.description import ConstantTexture, Texture
 from .table import TextureTable
 
@@ -36,17 +37,21 @@ class TextureParameter:
         """The colour (Array3f) for thing ``place`` (UInt) at ``si``."""
         if self.always_one:
             return self._table.types.Array3f(1)
-        index, present = self._index(place, active)
-        value = self._table.eval(index, si, present, reach=self._reach)
-        return dr.select(present, value, 1) if self._some_absent else value
+        return self._shared(self._table.eval, place, si, active)
 
     def eval_1(self, place: Any, si: Any, active: Any = True) -> Any:
         """One channel, as :meth:`TextureTable.eval_1` gives it, for thing ``place`` at ``si`` (Float)."""
         if self.always_one:
             return self._table.types.Float(1)
-        index, present = self._index(place, active)
-        value = self._table.eval_1(index, si, present, reach=self._reach)
-        return dr.select(present, value, 1) if self._some_absent else value
+        return self._shared(self._table.eval_1, place, si, active)
+
+    def _shared(self, look_up: Any, place: Any, si: Any, active: Any) -> Any:
+        def value() -> Any:
+            index, present = self._index(place, active)
+            value = look_up(index, si, present, reach=self._reach)
+            return dr.select(present, value, 1) if self._some_absent else value
+
+        return shared(si, (id(self), look_up.__name__, place, active), value)
 
     def _index(self, place: Any, active: Any) -> tuple[Any, Any]:
         active = self._table.types.Bool(active)

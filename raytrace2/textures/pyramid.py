@@ -17,6 +17,9 @@ from .texels import Texels
 # What the brightest texel of a channel is in the coarser levels of 8-bit images, which hold halves: kernels with
 # negative lobes may go beyond it by as much again.
 _WHITE = 2.0**15
+# The last word of a level's record: where the next level begins, or that there is none; and whether the level itself
+# holds halves beside 8-bit texels. Offsets are below 2^30.
+_COARSE, _NO_NEXT = np.uint32(1 << 31), np.uint32((1 << 31) - 1)
 
 
 class Pyramid:
@@ -49,14 +52,15 @@ class Pyramid:
         made: list[list[Any]] = []
         end = 0 if texels.is_bytes else texels.count
         for i, (width, height) in enumerate(sizes.tolist()):
-            records[i, :] = int(texels.offsets[i]), width, height, 0
+            records[i, :] = int(texels.offsets[i]), width, height, _NO_NEXT
             planes = self._planes(i, width * height, srgb[i])
             if texels.is_bytes:
                 scales[i, : len(planes)] = [float(np.asarray(p).max()) / _WHITE or 1.0 for p in planes]
             for level in range(1, level_count(width, height)):
                 planes = halve(planes, width, height, modes[i], kernel, types)
                 width, height = half(width), half(height)
-                records[i, level:] = end, width, height, 1
+                records[i, level - 1, 3] = end | records[i, level - 1, 3] & _COARSE
+                records[i, level:] = end, width, height, _COARSE | _NO_NEXT
                 made.append([p / types.Float(s) for p, s in zip(planes, scales[i].tolist(), strict=False)])
                 end += width * height
         self._records = owned(records, types.UInt)
@@ -68,36 +72,60 @@ class Pyramid:
     def level(self, image: Any, level: Any, active: Any) -> Any:
         """``image`` (:class:`~raytrace2.textures.bitmap.Image`) at ``level`` (UInt; beyond the last there is the last):
         what point filters and ``texel`` take for an image."""
-        t = self._types
+        return self._at(image, self._record(image, level, active), active)
+
+    def two_levels(self, image: Any, level: Any, active: Any) -> tuple[Any, Any, Any]:
+        """``image`` at ``level`` and at the next one, and whether there is a next one (Bool)."""
+        u = self._types.UInt
+        record = self._record(image, level, active)
+        fine = self._at(image, record, active)
+        after = record.w & u(int(_NO_NEXT))
+        width, height = (self._types.Float((size + 1) >> 1) for size in (record.y, record.z))
+        # Only level 0 may be in a storage of its own.
+        coarse = None if fine.coarse is None else True
+        return fine, replace(fine, offset=after, width=width, height=height, coarse=coarse), after != u(int(_NO_NEXT))
+
+    def _record(self, image: Any, level: Any, active: Any) -> Any:
         level = dr.select(level < self.levels, level, self.levels - 1)
         index = level if self._single else dr.fma(image.place, self.levels, level)
-        record = dr.gather(dr.uint32_array_t(t.Array4f), self._records, index, active)
+        return dr.gather(dr.uint32_array_t(self._types.Array4f), self._records, index, active)
+
+    def _at(self, image: Any, record: Any, active: Any) -> Any:
+        t = self._types
         coarse, scale = None, None
         if self._texels.is_bytes:
-            coarse = record.w != 0
+            coarse = record.w >= self._types.UInt(int(_COARSE))
             scale = self._scales if self._single else dr.gather(t.Array4f, self._scales, image.place, active)
         return replace(
             image, offset=record.x, width=t.Float(record.y), height=t.Float(record.z), coarse=coarse, scale=scale
         )
 
-    def fetch(self, image: Any, index: Any, active: Any) -> Any:
-        """The texel ``index`` of one of the levels that :meth:`level` gave: Array3f, or Float where there is one
-        channel."""
+    def fetch(self, image: Any, indices: Sequence[Any], active: Any) -> list[Any]:
+        """The texels ``indices`` of one of the levels that :meth:`level` gave: each an Array3f, or Float where there is
+        one channel."""
         if image.coarse is None:
-            return self._texels.fetch(index, image.srgb, active)
-        t = self._types
-        # Most packets of lanes are in one storage, and decoding is dear: a branch is worth it.
-        zero = dr.zeros(t.Float if self._texels.channels == 1 else t.Array3f, dr.width(index))
-        full = dr.if_stmt(
-            (index,), active & ~image.coarse, lambda k: self._texels.fetch(k, image.srgb, True), lambda k: zero
+            return [self._texels.fetch(k, image.srgb, active) for k in indices]
+        if image.coarse is True:
+            return [self._half(image, k, active) for k in indices]
+        # As wide as the texels: the branches need that.
+        coarse = image.coarse & dr.full(self._types.Bool, True, dr.width(indices[0]))
+        # Most packets of lanes are in one storage, and decoding is dear: a branch is worth it, one for all texels.
+        return list(
+            dr.if_stmt(
+                tuple(indices),
+                active & ~coarse,
+                lambda *some: tuple(self._texels.fetch(k, image.srgb, True) for k in some),
+                lambda *some: tuple(self._half(image, k, active & coarse) for k in some),
+            )
         )
-        active = active & image.coarse
+
+    def _half(self, image: Any, index: Any, active: Any) -> Any:
+        """A texel of a level that holds halves beside 8-bit texels."""
+        t = self._types
         if self._texels.channels == 1:
-            value = t.Float(dr.gather(type(self._coarse), self._coarse, index, active)) * image.scale[0]
-        else:
-            packet = dr.gather(dr.float16_array_t(t.Array4f), self._coarse, index, active)
-            value = t.Array3f(*(t.Float(packet[c]) * image.scale[c] for c in range(3)))
-        return dr.select(image.coarse, value, full)
+            return t.Float(dr.gather(type(self._coarse), self._coarse, index, active)) * image.scale[0]
+        packet = dr.gather(dr.float16_array_t(t.Array4f), self._coarse, index, active)
+        return t.Array3f(*(t.Float(packet[c]) * image.scale[c] for c in range(3)))
 
     def _planes(self, image: int, count: int, srgb: bool) -> list[Any]:
         u = self._types.UInt

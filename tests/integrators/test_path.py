@@ -8,6 +8,10 @@ import numpy as np
 import pytest
 from render_cases import ball, both, cornell_box, corner, diffuse, lamp, mitsuba, ours, rgb, same_share, scene, texels
 
+import raytrace2 as rt
+from raytrace2.rays.differentials.autodiff import Autodiff
+from raytrace2.textures.bitmap import Bitmaps
+
 
 @pytest.mark.parametrize(
     "settings",
@@ -63,6 +67,30 @@ def test_materials_equal_mitsubas(name: str) -> None:
 @pytest.mark.parametrize("name", ["checkerboard", "nearest", "bilinear"])
 def test_textures_equal_mitsubas(name: str) -> None:
     check(*both(scene(**corner(lamp=lamp(), ball=ball({"type": "diffuse", "reflectance": texture(name)})))))
+
+
+@pytest.mark.parametrize("wrapped", ["bare", "twosided"])
+@pytest.mark.parametrize("name", ["trilinear", "ewa", "exact"])
+def test_a_bounce_looks_up_a_texture_once(name: str, wrapped: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Though the material is evaluated for a light and sampled for the way on."""
+    calls = {"meet": 0, "_look_up": 0}
+
+    def count(owner: type, what: str) -> None:
+        method = getattr(owner, what)
+
+        def counted(*arguments: Any) -> Any:
+            calls[what] += 1
+            return method(*arguments)
+
+        monkeypatch.setattr(owner, what, counted)
+
+    bsdf = {"type": "diffuse", "reflectance": texture("bilinear")}
+    things = corner(lamp=lamp(), ball=ball(bsdf if wrapped == "bare" else {"type": "twosided", "bsdf": bsdf}))
+    loaded = rt.load_dict(scene(mirror=ball({"type": "conductor"}), **things))
+    count(Autodiff, "meet")
+    count(Bitmaps, "_look_up")
+    rt.render(loaded, spp=1, filter=name, size=(4, 4))
+    assert calls["_look_up"] == calls["meet"] > 0
 
 
 def test_a_textured_mask_equals_mitsubas() -> None:

@@ -26,10 +26,8 @@ def bilinear(bitmaps: Any, image: Any, uv: Any, footprint: Any = None, settings:
     wx, wy = x - left, y - top
     column0, column1 = bitmaps.columns(image, left)
     row0, row1 = bitmaps.rows(image, top)
-    v00 = bitmaps.texel(image, column0, row0, active)
-    v10 = bitmaps.texel(image, column1, row0, active)
-    v01 = bitmaps.texel(image, column0, row1, active)
-    v11 = bitmaps.texel(image, column1, row1, active)
+    places = [(column0, row0), (column1, row0), (column0, row1), (column1, row1)]
+    v00, v10, v01, v11 = bitmaps.several(image, places, active)
     # Differences keep constants to the last bit.
     v0 = dr.fma(wx, v10 - v00, v00)
     v1 = dr.fma(wx, v11 - v01, v01)

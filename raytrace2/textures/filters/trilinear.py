@@ -25,9 +25,10 @@ def between_levels(bitmaps: Any, image: Any, uv: Any, texels: Any, active: Any) 
     """The image at ``uv`` at a resolution of ``texels`` (Float) texels of the full image: bilinear in two levels and
     linear in the level's number between them. Up to one texel it is the bilinear look-up to the last bit."""
     level, fraction = split_level(bitmaps, texels)
-    fine = bilinear(bitmaps, bitmaps.level(image, level, active), uv, active=active)
-    between = active & (fraction > 0)
-    coarse = bilinear(bitmaps, bitmaps.level(image, level + 1, between), uv, active=between)
+    this, after, another = bitmaps.two_levels(image, level, active)
+    fine = bilinear(bitmaps, this, uv, active=active)
+    between = active & another & (fraction > 0)
+    coarse = bilinear(bitmaps, after, uv, active=between)
     return dr.select(between, dr.fma(fraction, coarse - fine, fine), fine)
 
 
