@@ -226,7 +226,7 @@ class BlockMeans:
     def _fetch(self, image: int, index: Any) -> list[Any]:
         t = self._types
         first = dr.opaque(t.UInt, int(self._texels.offsets[image]))
-        value = self._texels.fetch(index + first, dr.opaque(t.Bool, bool(self._srgb[image])), True)
+        value = dr.detach(self._texels.fetch(index + first, dr.opaque(t.Bool, bool(self._srgb[image])), True))
         return [value] if self._texels.channels == 1 else [value.x, value.y, value.z]
 
     def _fits(self, distances: bool) -> Iterator[tuple[int, int, list[Any]]]:
