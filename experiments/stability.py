@@ -2,9 +2,10 @@
 full counts: leaks at vertices and edges, at translations and scales, spawned rays, gaps, errors of t and normals,
 the times of extreme cases, and what each safety costs.
 
-    python experiments/stability.py [--scale 1] [--only WORD ...] [--structures KIND ...] [--out out/stability]
+    python experiments/stability.py [--scale 1] [--only WORD ...] [--structures KIND ...] [--out out]
 
-Writes stability.md and stability.png. Interrupted, it goes on where it was; measurements of other code or settings are
+Writes stability.md and stability.png; takes the row of broken files from what experiments/hostile_input.py
+left in the same folder. Interrupted, it goes on where it was; measurements of other code or settings are
 made anew. ``raytrace2 stability`` does the same with small counts.
 """
 
@@ -28,7 +29,7 @@ def main() -> int:
     parser.add_argument("--only", nargs="*", default=[], help="figures whose key contains any of these words")
     parser.add_argument("--structures", nargs="*", default=list(rt.accel.names()))
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=Path("out/stability"))
+    parser.add_argument("--out", type=Path, default=Path("out"))
     options = parser.parse_args()
     sizes = {
         key: max(1000, round(getattr(FULL, key) * options.scale)) for key in ("aimed", "random", "other", "identical")

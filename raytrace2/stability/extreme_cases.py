@@ -15,7 +15,7 @@ from .rays import from_inside
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """Surfaces with about as many triangles as the benign scene, and rays ``o``, ``d`` (n, 3)."""
+    """Surfaces with about as many triangles as the benign scene beside it, and rays ``o``, ``d`` (n, 3)."""
 
     surfaces: tuple[Surface, ...]
     o: np.ndarray
@@ -26,8 +26,20 @@ Make = Callable[[Closed, np.ndarray, np.ndarray, np.random.Generator], Case]
 
 
 def benign(closed: Closed, o: np.ndarray, d: np.ndarray, _: np.random.Generator) -> Case:
-    """Random rays in the icosphere."""
+    """Random rays in the icosphere: the measure of what moves or scales it, and of odd rays."""
     return Case((closed.mesh,), o, d)
+
+
+def random_triangles(closed: Closed, o: np.ndarray, d: np.ndarray, rng: np.random.Generator) -> Case:
+    """The same rays among triangles anywhere in the unit ball, so large that all but 2 % meet one: the measure of other
+    scenes of as many triangles."""
+    count = len(closed.faces)
+    middle = rng.normal(size=(count, 1, 3))
+    middle *= np.cbrt(rng.random((count, 1, 1))) / np.linalg.norm(middle, axis=2, keepdims=True)
+    # Triangles with normally distributed corners have an area of 1.4 in the mean or so; 4 are met on the way out.
+    size = np.sqrt(8 * (4 / 3 * np.pi) / (1.4 * count))
+    at = (middle + size * rng.normal(size=(count, 3, 3))).reshape(-1, 3)
+    return Case((TriangleMesh(at, np.arange(3 * count).reshape(-1, 3)),), o, d)
 
 
 def rays_for(levels: int, dtype: str, count: int, seed: int) -> tuple[Closed, np.ndarray, np.ndarray]:
@@ -75,8 +87,9 @@ def _needles(closed: Closed, o: np.ndarray, d: np.ndarray, _: np.random.Generato
 
 def _flat(closed: Closed, o: np.ndarray, d: np.ndarray, rng: np.random.Generator) -> Case:
     """Everything in one plane, rays within it."""
-    flat = closed.vertices * [1.0, 1.0, 0.0]
-    return Case((TriangleMesh(flat, closed.faces),), o * [1.0, 1.0, 0.0] * 3, d * [1.0, 1.0, rng.choice([0.0, 1e-30])])
+    flat = np.array([1.0, 1.0, 0.0])
+    within = d * flat + rng.choice([0.0, 1e-30], (len(d), 1)) * (1 - flat)
+    return Case((TriangleMesh(closed.vertices * flat, closed.faces),), o * flat * 3, within)
 
 
 def _no_area(closed: Closed, o: np.ndarray, d: np.ndarray, _: np.random.Generator) -> Case:
@@ -106,6 +119,9 @@ def _identical(closed: Closed, o: np.ndarray, d: np.ndarray, rng: np.random.Gene
     start = np.array([0.3, 0.2, 3.0]) + 0.1 * o
     return Case((TriangleMesh(at, np.tile([[0, 1, 2]], (len(closed.faces), 1))),), start, target - start)
 
+
+#: Cases that are other scenes than the icosphere: beside random triangles.
+OTHER_SCENES = ("all in one plane, rays within", "one centroid for all", "identical triangles")
 
 CASES: dict[str, Make] = {
     "scale 2^-60": _scaled(-60),

@@ -1,4 +1,5 @@
-"""The scoreboard as a picture: a row a figure, a column one who takes part, from right (pale) to wrong (dark)."""
+"""The scoreboard as a picture: a row a figure, a column one who takes part, from right (pale) to wrong (dark); below it
+the trade, as bars of rays per second."""
 
 from __future__ import annotations
 
@@ -16,8 +17,51 @@ _CELL = (92, 26)
 _GOOD, _NEAR, _FAR = (199, 233, 192), (254, 217, 118), (189, 0, 38)
 
 
-def picture(found: Found) -> np.ndarray:
+_SAFE, _FAST = (69, 117, 180), (171, 217, 233)
+
+
+def picture(found: Found, traded: dict[str, Record]) -> np.ndarray:
     """(H, W, 3) uint8."""
+    panels = [_scoreboard(found)] if found else []
+    panels += [_trade(traded)] if traded else []
+    sheet = Image.new("RGB", (max(p.width for p in panels), sum(p.height for p in panels)), "white")
+    top = 0
+    for panel in panels:
+        sheet.paste(panel, (0, top))
+        top += panel.height
+    return np.asarray(sheet)
+
+
+def _trade(traded: dict[str, Record]) -> Image.Image:
+    """Bars of rays per second on a logarithmic axis, watertight and fast, and what leaks without care."""
+    font = ImageFont.load_default(_SIZE)
+    kinds = list(dict.fromkeys(key.split()[0] for key in traded))
+    rows = [(k, p) for p in ("float32", "float64") for k in kinds]
+    left, length, row = 230, 420, 34
+    image = Image.new("RGB", (left + length + 420, 60 + row * len(rows)), "white")
+    draw = ImageDraw.Draw(image)
+    draw.text((10, 4), "What safety costs: million rays per second", "black", font)
+    for x, color, name in ((left, _SAFE, "watertight"), (left + 110, _FAST, "fast")):
+        draw.rectangle((x, 30, x + 12, 42), color)
+        draw.text((x + 18, 28), name, "black", font)
+    draw.text((left + length + 70, 28), "leaks of fast: at vertices, at edges", "black", font)
+    rates = [r["rate"] for r in traded.values()]
+    low, high = math.log10(min(rates)) - 0.3, math.log10(max(rates))
+    for j, (kind, precision) in enumerate(rows):
+        y = 54 + j * row
+        draw.text((10, y + 5), f"{kind}, {precision}", "black", font)
+        for k, (way, color) in enumerate((("watertight", _SAFE), ("fast", _FAST))):
+            rate = traded[f"{kind} {precision} {way}"]["rate"]
+            end = left + length * (math.log10(rate) - low) / (high - low)
+            draw.rectangle((left, y + 14 * k, end, y + 14 * k + 12), color)
+            draw.text((end + 6, y + 14 * k - 2), f"{rate / 1e6:.2g}", "black", font)
+        fast = traded[f"{kind} {precision} fast"]
+        said = f"{fast['vertex']:,}, {fast['edge']:,} of {fast['rays']:,}"
+        draw.text((left + length + 70, y + 5), said, "black", font)
+    return image
+
+
+def _scoreboard(found: Found) -> Image.Image:
     columns: list[tuple[str, str]] = []
     for precision in ("float32", "float64"):
         names = list(dict.fromkeys(n for f in FIGURES for n in found.get((f.key, precision), {})))
@@ -48,7 +92,7 @@ def picture(found: Found) -> np.ndarray:
             text = _text(record)
             ink = "black" if sum(fill) > 380 else "white"
             draw.text((x + (_CELL[0] - 3 - font.getlength(text)) / 2, y + 4), text, ink, font)
-    return np.asarray(image)
+    return image
 
 
 def _colour(figure: Figure, record: Record, precision: str) -> tuple[int, int, int]:

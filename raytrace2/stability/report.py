@@ -23,7 +23,7 @@ def measure_and_write(kinds: Sequence[str], counts: Counts, folder: Path, only: 
     def write(found: Found, traded: dict[str, Record]) -> None:
         write_atomically(folder / "stability.md", markdown(found, traded, counts, broken).encode())
         stream = io.BytesIO()
-        Image.fromarray(picture(found)).save(stream, format="PNG")
+        Image.fromarray(picture(found, traded)).save(stream, format="PNG")
         write_atomically(folder / "stability.png", stream.getvalue())
 
     return markdown(*run(kinds, counts, folder, only, write), counts, broken)

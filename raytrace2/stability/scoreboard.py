@@ -35,9 +35,9 @@ def run(
 ) -> tuple[Found, dict[str, Record]]:
     """Every figure (or those whose key contains any of ``only``) in both precisions, and the trade of each kind.
 
-    Each is written to ``folder``/records as soon as it is there; what is there of this code, machine and ``counts`` is
-    not measured again. ``progress`` is called after each with all that is found so far. ``SettingError`` if ``only``
-    names nothing.
+    Each is written to ``folder``/stability_records as soon as it is there; what is there of this code, machine and
+    ``counts`` is not measured again. ``progress`` is called after each with all that is found so far. ``SettingError``
+    if ``only`` names nothing.
     """
     from tqdm import tqdm
 
@@ -46,7 +46,7 @@ def run(
     if not chosen and not with_trade:
         raise SettingError(f"no figure is called so; there are {', '.join(f.key for f in FIGURES)}, trade")
     settings: Record = {"code": code_digest(), "machine": platform.node(), "counts": asdict(counts)}
-    records = folder / "records"
+    records = folder / "stability_records"
     records.mkdir(parents=True, exist_ok=True)
     found: Found = {}
     traded: dict[str, Record] = {}
@@ -74,10 +74,22 @@ def run(
     return found, traded
 
 
-def broken_files(folder: Path) -> dict[str, Any] | None:
-    """What a study of broken files left in ``folder``/records/broken_files.json: texts under "Embree default" (which
-    stands for Mitsuba) and "ours"; None if there is none."""
-    return _read(folder / "records" / "broken_files.json")
+def broken_files(folder: Path) -> dict[str, str]:
+    """How many processes died of broken files, of how many, as a study of hostile input left it in
+    ``folder``/hostile_input.json: texts under "Embree default" (which stands for Mitsuba) and "ours"; empty if none
+    is there."""
+    study = _read(folder / "hostile_input.json") or {}
+    texts = {}
+    for who, key in (("Embree default", "files mitsuba"), ("ours", "files ours")):
+        groups = study.get(key, {}).get("groups", {})
+        cells = [
+            f"{groups[name].get('signal', 0)} of {sum(groups[name].values())}"
+            for name in ("broken", "four bytes")
+            if name in groups
+        ]
+        if cells:
+            texts[who] = "; ".join(cells)
+    return texts
 
 
 def code_digest() -> str:
@@ -86,7 +98,7 @@ def code_digest() -> str:
     files = [f for part in ("accel", "surfaces", "stability") for f in (root / part).rglob("*.py")]
     files += [root / "rays/ray.py", root / "reference/stability_rays.py", root / "buffers.py", root / "types.py"]
     # How results are shown is no part of them.
-    shown = {root / "stability" / name for name in ("table.py", "picture.py", "scoreboard.py")}
+    shown = {root / "stability" / name for name in ("table.py", "picture.py", "report.py", "scoreboard.py")}
     digest = hashlib.sha256()
     for file in sorted(set(files) - shown):
         digest.update(str(file.relative_to(root)).encode() + b"\0" + file.read_bytes())

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .extreme_cases import CASES, Case, benign, rays_for
+from .extreme_cases import CASES, OTHER_SCENES, Case, Make, benign, random_triangles, rays_for
 from .meshes import Closed
 from .sweep import FEW, Counts, Record
 from .tracers import Loaded, Tracer
@@ -32,15 +32,16 @@ def extremes(tracers: Sequence[Tracer], dtype: str, counts: Counts) -> dict[str,
         cases: dict[str, float] = {}
         builds: dict[str, float] = {}
         rate = 0.0
-        for (closed, o, d), chosen in (
-            (usual, [c for c in CASES if "identical" not in c]),
-            (many, ["identical triangles"]),
+        for (closed, o, d), chosen, measure in (
+            (usual, [c for c in CASES if c not in OTHER_SCENES], benign),
+            (usual, [c for c in OTHER_SCENES if "identical" not in c], random_triangles),
+            (many, ["identical triangles"], random_triangles),
         ):
-            scene, normal, build_seconds = _load(tracer, "benign", closed, o, d, counts.seed)
+            scene, normal, build_seconds = _load(tracer, measure, closed, o, d, counts.seed)
             base = _seconds_a_ray(scene, normal, counts.longest)
             rate = rate or 1 / base
             for name in chosen:
-                scene, case, seconds = _load(tracer, name, closed, o, d, counts.seed)
+                scene, case, seconds = _load(tracer, CASES[name], closed, o, d, counts.seed)
                 label = name if "identical" not in name else f"{len(closed.faces):,} {name}"
                 cases[label] = _seconds_a_ray(scene, case, counts.longest) / base
                 builds[label] = seconds / build_seconds
@@ -51,9 +52,8 @@ def extremes(tracers: Sequence[Tracer], dtype: str, counts: Counts) -> dict[str,
 
 
 def _load(
-    tracer: Tracer, name: str, closed: Closed, o: np.ndarray, d: np.ndarray, seed: int
+    tracer: Tracer, make: Make, closed: Closed, o: np.ndarray, d: np.ndarray, seed: int
 ) -> tuple[Loaded, Case, float]:
-    make = benign if name == "benign" else CASES[name]
     case = make(closed, o, d, np.random.default_rng(seed))
     with np.errstate(over="ignore", invalid="ignore"):
         scene = tracer.load(case.surfaces)
