@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from igehy import CENTRED, supersampled
 from igehy import SCENE as GALLERY
-from igehy import supersampled
 from PIL import Image, ImageDraw, ImageFont
 from study import markdown_table, save_image, save_text
 from tqdm import tqdm
@@ -180,7 +180,7 @@ def speed_table(
     ways: list[tuple[str, str, str]], floor: Case, images: dict[str, np.ndarray], seconds: dict[str, float]
 ) -> str:
     """The time that Mitsuba takes to come as near to the truth as each filter, over the filter's own."""
-    gallery = rt.load_file(GALLERY)
+    gallery = rt.load_file(GALLERY, **CENTRED)
     truth, masks = supersampled(gallery, SIZE, 16)
     (on_floor,) = Curve.of(FLOOR, [floor.whole], 1024)
     in_gallery = dict(zip(PLACES, Curve.of(GALLERY, [masks[place] for place in PLACES], 256), strict=True))

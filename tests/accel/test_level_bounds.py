@@ -200,5 +200,5 @@ def test_rays_in_planes_agree_with_brute_force(kind, precision):
     structure = accel.build(items, kind, precision=precision)
     ray = cases.rays_in_planes(np.random.default_rng(1), structure.level_bounds(), 5_000, precision)
     found = disagreements(structure, accel.build(items, "brute_force", precision=precision), ray)
-    assert found.pop("hits") > 500
+    assert found.pop("hits") > 200
     assert found == dict.fromkeys(FIELDS, 0)
