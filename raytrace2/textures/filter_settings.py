@@ -23,7 +23,7 @@ class FilterSettings:
     max_anisotropy: float = 16.0
     pyramid: str = "box"
     of: str = "ewa"
-    budget: int = 160
+    budget: int = 180
     pixel: ReconstructionFilter = field(default=ReconstructionFilter("box"))
 
     @property
