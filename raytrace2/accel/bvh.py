@@ -25,6 +25,7 @@ from .collapse import WideTree, collapse
 from .held import indices_held
 from .level_boxes_bvh import bvh_levels
 from .octant_slots import by_octant
+from .tangles import untangled
 from .topology import Topology
 from .volume_nodes import volume_nodes
 from .wide_boxes import QuantisedNodes
@@ -63,13 +64,11 @@ class Bvh(Structure):
         if len(tree.order) > wide_node.MAX_PRIMITIVES:
             most = wide_node.MAX_PRIMITIVES
             raise ValueError(f"a bvh holds at most {most} parts, not {len(tree.order)}: lower reference_budget")
-        wide = collapse(
-            tree,
-            config.width,
-            max_leaf_size=config.max_leaf_size,
-            node_cost=config.node_cost,
-            primitive_cost=config.primitive_cost,
-        )
+        wide = _collapsed(tree, config)
+        if config.builder == "sah" and config.volume == "box":
+            cut = untangled(some, tree, wide)
+            if cut is not None:
+                tree, wide = cut, _collapsed(cut, config)
         if len(wide.binary) > wide_node.MAX_NODES:
             most = wide_node.MAX_NODES
             raise ValueError(f"a bvh has at most {most} nodes, not {len(wide.binary)}: raise max_leaf_size")
@@ -187,6 +186,16 @@ class Bvh(Structure):
         meets the root's box is expected to visit and test, by the areas of the children's boxes; ``sah_cost``, what
         that costs in units of the config's costs. ``refit``: what :meth:`refit` says, where there was one."""
         return dict(self._statistics)
+
+
+def _collapsed(tree: BinaryTree, config: BvhConfig) -> WideTree:
+    return collapse(
+        tree,
+        config.width,
+        max_leaf_size=config.max_leaf_size,
+        node_cost=config.node_cost,
+        primitive_cost=config.primitive_cost,
+    )
 
 
 def _expected_nodes(tree: BinaryTree, wide: WideTree) -> float:

@@ -15,10 +15,11 @@ Builder = Literal["median", "middle", "sah", "sweep", "morton", "ploc", "spatial
 class BvhConfig:
     """How a hierarchy is built and what it is made of.
 
-    ``builder``: ``median`` (equal counts, the axes in turn), ``middle`` (equal space), ``sah`` (surface areas, by
-    bins), ``sweep`` (surface areas, every plane), ``morton`` (prefixes of a space-filling curve: the fastest), ``ploc``
-    (clustering from the bottom up) or ``spatial`` (surface areas, with large triangles cut). ``width``: most children
-    of a node, 2, 4 or 8. ``volume``: the shape around each child. ``max_leaf_size``: most primitives in a leaf.
+    ``builder``: ``median`` (equal counts, the axes in turn), ``middle`` (equal space), ``sah`` (surface areas, by bins;
+    with boxes, parts that hardly tell their triangles apart are built as ``spatial`` does), ``sweep`` (surface areas,
+    every plane), ``morton`` (prefixes of a space-filling curve: the fastest), ``ploc`` (clustering from the bottom up)
+    or ``spatial`` (surface areas, with large triangles cut). ``width``: most children of a node, 2, 4 or 8.
+    ``volume``: the shape around each child. ``max_leaf_size``: most primitives in a leaf.
     ``node_cost`` and ``primitive_cost``: what a visit and a test cost, in any unit, for the choice between splitting
     and stopping. ``reference_budget``, of ``spatial`` alone: at most this many parts beyond the first, per primitive.
     """

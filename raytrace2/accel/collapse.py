@@ -13,13 +13,15 @@ from .binary_tree import BinaryTree, surface_area
 class WideTree:
     """Wide node k is binary node ``binary[k]``; its children are binary nodes ``children[k]`` (-1: none). ``inner[k,
     j]`` is the child's own wide index, or -1 where the child is a leaf. Nodes stand in depth-first order. ``cost`` is
-    the expected cost of a ray through the root (node visits plus primitive tests)."""
+    the expected cost of a ray through the root (node visits plus primitive tests), ``dearest`` the largest of a ray
+    through any binary node, of a size that can be told from none, in primitive tests."""
 
     binary: np.ndarray
     children: np.ndarray
     inner: np.ndarray
     depth: int
     cost: float
+    dearest: float
 
 
 def collapse(tree: BinaryTree, width: int, *, max_leaf_size: int, node_cost: float, primitive_cost: float) -> WideTree:
@@ -28,11 +30,11 @@ def collapse(tree: BinaryTree, width: int, *, max_leaf_size: int, node_cost: flo
     ``cost[i][n]`` is the least cost of standing for binary node n by at most i roots, fewer than ``width``; a node is a
     leaf if testing all its primitives is cheaper than any wide node over it.
     """
-    cost, split, is_leaf = _least_costs(tree, width, max_leaf_size, node_cost, primitive_cost)
+    cost, split, is_leaf, dearest = _least_costs(tree, width, max_leaf_size, node_cost, primitive_cost)
     frontier = np.zeros(1, np.int64)
     if is_leaf[0]:
         no_children = np.full((0, width), -1, np.int64)
-        return WideTree(np.zeros(0, np.int64), no_children, no_children, 0, float(cost[1][0]))
+        return WideTree(np.zeros(0, np.int64), no_children, no_children, 0, float(cost[1][0]), dearest)
     levels = []
     while len(frontier):
         children = _children_of(tree, split, frontier, width)
@@ -40,12 +42,12 @@ def collapse(tree: BinaryTree, width: int, *, max_leaf_size: int, node_cost: flo
         inner = (children >= 0) & ~is_leaf[np.maximum(children, 0)]
         frontier = children[inner]
     binary, children, inner = _depth_first(levels, is_leaf, width)
-    return WideTree(binary, children, inner, len(levels), float(cost[1][0]))
+    return WideTree(binary, children, inner, len(levels), float(cost[1][0]), dearest)
 
 
 def _least_costs(
     tree: BinaryTree, width: int, max_leaf_size: int, node_cost: float, primitive_cost: float
-) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
+) -> tuple[list[np.ndarray], np.ndarray, np.ndarray, float]:
     area = surface_area(tree.lo, tree.hi)
     area = (area / area[0] if area[0] > 0 else np.ones(len(area))).astype(np.float32)
     # split[n, i]: how many of i roots go to the left child, 0 where one root fewer is as good; split[n, 0]: for a wide
@@ -81,7 +83,8 @@ def _least_costs(
         for i in range(2, width):
             split[nodes, i] = np.where(shared[i - 2] < least, chosen[i - 2], 0)
             least = cost[i][nodes] = np.minimum(shared[i - 2], least)
-    return cost, split, is_leaf
+    dearest = np.divide(cost[1], area, out=np.zeros_like(area), where=area > 0).max()
+    return cost, split, is_leaf, float(dearest) / primitive_cost
 
 
 def _children_of(tree: BinaryTree, split: np.ndarray, nodes: np.ndarray, width: int) -> np.ndarray:

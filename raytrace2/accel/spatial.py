@@ -29,17 +29,29 @@ def build_spatial(parts: Primitives, budget: float) -> BinaryTree:
 
     Where in a level more cuts pay than the budget allows, those that save most are made.
     """
-    kinds, n = parts.types, len(parts)
+    n = len(parts)
+    return build_spatial_forest(parts, np.arange(n), np.array([n]), most=int(budget * n))
+
+
+def build_spatial_forest(
+    parts: Primitives, held: np.ndarray, counts: np.ndarray, *, most: int, depth: int = 0
+) -> BinaryTree:
+    """Trees like that over some of the primitives: the first over ``counts[0]`` of those that ``held`` names, and so
+    on, with at most ``most`` further references in all. Node k of the result is the root of the k-th, which stands
+    ``depth`` levels below that of a greater tree."""
+    kinds, roots = parts.types, len(counts)
     corners, cuttable, margin = _what_can_be_cut(parts)
-    rows = np.zeros((n, 16), kinds.numpy)
+    rows = np.zeros((len(parts), 16), kinds.numpy)
     rows[:, :9] = corners.reshape(-1, 9)
     rows[:, 9] = cuttable
     device = owned(rows, kinds.Float)
-    whole = float(surface_area(parts.lo.min(axis=0), parts.hi.max(axis=0)))
-    remaining = int(budget * n)
-    references = References.of(parts.lo, parts.hi, np.arange(n), np.array([n]))
+    remaining = most
+    references = References.of(parts.lo[held], parts.hi[held], held, counts)
+    everything = np.ones(len(held), bool)
+    whole = surface_area(*references.boxes(everything))
     lefts, leaves = [], []
-    made, depth = 1, 0
+    made = roots
+    root = np.arange(roots)
     while len(references.starts):
         inner = references.counts > 1
         left = np.full(len(inner), -1, np.int64)
@@ -47,7 +59,7 @@ def build_spatial(parts: Primitives, budget: float) -> BinaryTree:
         made += 2 * int(np.count_nonzero(inner))
         lefts.append(left)
         leaves.append(references.some(~inner))
-        references = references.some(inner)
+        references, root = references.some(inner), root[inner]
         if len(references.starts) == 0:
             break
         goes_right, cost = plan_by_middle(kinds, references)
@@ -57,15 +69,15 @@ def build_spatial(parts: Primitives, budget: float) -> BinaryTree:
             )
         elif remaining > 0:
             overlap = _overlap(references, goes_right)
-            tried = (overlap > OVERLAP * whole) & np.isfinite(cost)
+            tried = (overlap > OVERLAP * whole[root]) & np.isfinite(cost)
             if tried.any():
                 references, goes_right, added = _cut_some(
                     kinds, references, goes_right, cost, tried, remaining, (device, corners, cuttable, margin)
                 )
                 remaining -= added
-        references = _shared(references, goes_right)
+        references, root = _shared(references, goes_right), np.repeat(root, 2)
         depth += 1
-    return _joined(lefts, leaves)
+    return _joined(lefts, leaves, roots)
 
 
 def _what_can_be_cut(parts: Primitives) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -155,8 +167,8 @@ def _shared(references: References, goes_right: np.ndarray) -> References:
     return References.of(references.lo[order], references.hi[order], references.prim[order], counts)
 
 
-def _joined(lefts: list[np.ndarray], leaves: list[References]) -> BinaryTree:
-    """The tree of the levels' left children and leaves."""
+def _joined(lefts: list[np.ndarray], leaves: list[References], roots: int) -> BinaryTree:
+    """The trees, side by side, of the levels' left children and leaves."""
     left = np.concatenate(lefts)
     ends = np.cumsum([len(level) for level in lefts])
     begins = ends - [len(level) for level in lefts]
@@ -165,6 +177,7 @@ def _joined(lefts: list[np.ndarray], leaves: list[References]) -> BinaryTree:
         inner = begin + np.flatnonzero(left[begin:end] >= 0)
         count[inner] = count[left[inner]] + count[left[inner] + 1]
     first = np.zeros(len(left), np.int64)
+    first[:roots] = np.cumsum(count[:roots]) - count[:roots]
     for begin, end in zip(begins, ends, strict=True):
         inner = begin + np.flatnonzero(left[begin:end] >= 0)
         first[left[inner]] = first[inner]

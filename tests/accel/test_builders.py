@@ -224,7 +224,7 @@ def test_spatial_splits_cut_slivers_within_their_budget() -> None:
         leaf = np.flatnonzero(tree.left < 0)
         of = tree.order[tree.first[leaf]]
         assert (tree.lo[leaf] >= parts.lo[of]).all() and (tree.hi[leaf] <= parts.hi[of]).all()
-    tests = [accel.build(mesh, f"bvh:builder={b}").statistics()["expected_primitives"] for b in ("sah", "spatial")]
+    tests = [accel.build(mesh, f"bvh:builder={b}").statistics()["expected_primitives"] for b in ("sweep", "spatial")]
     assert tests[1] < 0.85 * tests[0]
 
 
