@@ -122,6 +122,42 @@ class Film:
             dr.scatter(image, t.Float(value), target + i)
         return t.TensorXf(image, (self.height, self.width, len(values)))
 
+    def expect(self, samples: int) -> None:
+        """Lets every pixel weigh as much as ``samples`` samples of a box filter do, without their values."""
+        index = dr.arange(self.types.UInt, self.width * self.height) * (self.channels + 1) + self.channels
+        dr.scatter(self._sums, self._sum_type(dr.opaque(self.types.Float, samples)), index)
+
+    def adjoint(self, image: Any) -> Any:
+        """What :meth:`sample_adjoints` takes, for the adjoint of the image that all samples so far develop to (TensorXf
+        of its shape)."""
+        sums, kept = self._sum_type(self._sums), self._sums
+        dr.enable_grad(sums)
+        self._sums = sums
+        developed = self.develop()
+        self._sums = kept
+        dr.set_grad(developed, image)
+        dr.enqueue(dr.ADMode.Backward, developed)
+        dr.traverse(dr.ADMode.Backward)
+        found = dr.grad(sums)
+        dr.eval(found)
+        return found
+
+    def sample_adjoints(self, adjoint: Any, wavefront: Wavefront, offset: Any) -> list[Any]:
+        """The adjoint of each value of each sample (Floats) of a pass, given that of the sums; ``offset`` as for
+        :meth:`add`."""
+        t, taps, stride = self.types, self.filter.taps, self.channels + 1
+        column, row = self._crop_pixel(wavefront.pixel_and_sample()[0])
+        weights_x, weights_y = (self._tap_weights(place) for place in (offset.x, offset.y))
+        found = [t.Float(0)] * self.channels
+        for j in range(2 * taps + 1):
+            for i in range(2 * taps + 1):
+                x, y = column + (i - taps), row + (j - taps)
+                index, inside = t.UInt(y * self._columns + x) * stride, self._inside(x, y)
+                weight = weights_x[i] * weights_y[j]
+                parts = [dr.gather(self._sum_type, adjoint, index + c, inside) for c in range(self.channels)]
+                found = [dr.fma(weight, t.Float(part), total) for part, total in zip(parts, found, strict=True)]
+        return found
+
     def weights(self) -> Any:
         """The sum of filter weights in each pixel, TensorXf (height, width, 1)."""
         t = self.types

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import time
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,27 +12,14 @@ import drjit as dr
 
 from .arguments import whole_number
 from .errors import SettingError
-from .film import Film
-from .filtering import Filtering, plan_filtering
-from .integrators.aov import aov, channel_names, needs_offset_rays
-from .integrators.direct import direct
-from .integrators.path import path
-from .rays.camera import make_camera
-from .rays.differentials import make_differentials
-from .rays.ray import Ray
-from .rays.sampler import Sampler, make_sampler
-from .rays.wavefront import split_passes
-from .render_arguments import check_integrator, check_names, check_scene, check_work, checked_counts, checked_size
+from .job import RADIANCE, Choices, Job
+from .render_arguments import check_integrator, check_names, check_scene, checked_counts, checked_size
 from .scene.description import Camera, Integrator, PerspectiveCamera
 from .scene.field_of_view import fov_along, x_fov_of
 from .scene.scene import Scene
-from .scene.traced import TracedScene
-from .types import types
 
 #: Lanes of a pass: enough to keep every core busy for a second or so, few enough for a few hundred megabytes.
 MAX_LANES = 1 << 21
-
-_RADIANCE: dict[str, Callable[..., Any]] = {"path": path, "direct": direct}
 
 
 @dataclass(frozen=True)
@@ -124,58 +110,44 @@ def render_detailed(
     check_integrator(integrator)
     check_names(accel=accel, filter=filter, differentials=differentials, intersection=intersection)
     spp, seed = checked_counts(spp, seed)
-    camera_settings = choose_camera(scene, sensor, size)
-    settings = choose_integrator(scene, integrator)
-    begin = time.perf_counter()
     if precision not in ("float32", "float64"):
         raise SettingError(f"precision must be 'float32' or 'float64', not {precision!r}")
-    sampler = make_sampler(camera_settings.sampler, types(precision), spp if spp != 0 else None)
-    asked = filter or scene.filter, differentials or scene.differentials
-    filtering = plan_filtering(*asked, camera_settings.film, sampler.sample_count)
-    traced = scene.traced(accel, precision, filtering.textures, intersection)
-    if settings.kind != "aov" or settings.nested is not None or any(kind == "albedo" for _, kind in settings.aovs):
-        traced.prepare_shading()
-    camera = make_camera(camera_settings, traced.types)
-    names = [] if settings.kind == "aov" and settings.nested is None else ["R", "G", "B"]
-    names += channel_names(settings)
-    check_work(filtering.film, len(names), sampler.sample_count, max_lanes)
-    film = Film(filtering.film, traced.types, len(names))
-    view = _View(camera, film, filtering, sampler.sample_count)
-    passes = split_passes(film.pixel_count, sampler.sample_count, max_lanes)
-    if camera_settings.film.pixel_format == "luminance" and names[:3] == ["R", "G", "B"]:
-        names[:3] = ["Y"]
+    choices = Choices(
+        choose_camera(scene, sensor, size), choose_integrator(scene, integrator), seed, spp, accel, filter,
+        differentials, precision, intersection, max_lanes,
+    )  # fmt: skip
+    begin = time.perf_counter()
+    return render_job(Job.of(scene, choices), progress, begin)
+
+
+def render_job(job: Job, progress: bool | None, begin: float) -> Rendering:
+    """The image of ``job``, whose preparation began at ``begin``."""
     prepared = time.perf_counter()
+    film, passes = job.view.film, job.passes
 
     def finished(samples: int) -> Rendering:
         image = film.develop()
         dr.eval(image)
         dr.sync_thread()
-        traced.structure.check_turns()
+        job.traced.structure.check_turns()
         bad = film.non_finite_samples()
         if bad:
             message = f"{bad} samples were NaN or infinite and were left out of the image"
             warnings.warn(message, RuntimeWarning, stacklevel=4)
-        return Rendering(image, names, samples, prepared - begin, time.perf_counter() - prepared)
+        return Rendering(image, job.channels, samples, prepared - begin, time.perf_counter() - prepared)
 
     some, complete = False, 0
     with _bar(progress, len(passes)) as bar:
         try:
             for wavefront in passes:
-                sampler.seed(seed, wavefront)
-                pixel, _ = wavefront.pixel_and_sample()
-                offset = sampler.next_2d()
-                if filtering.centred:
-                    offset = type(offset)(0.5, 0.5)
-                values = _sample(traced, settings, view, sampler, pixel, offset)
-                film.add(wavefront, offset, values)
-                dr.sync_thread()
+                job.render_pass(wavefront)
                 some = True
                 if wavefront.first_pixel + wavefront.pixels == film.pixel_count:
                     complete = wavefront.first_sample + wavefront.samples
                 bar.update()
         except KeyboardInterrupt:
             raise RenderInterrupted(finished(complete) if some else None) from None
-    return finished(sampler.sample_count)
+    return finished(job.sampler.sample_count)
 
 
 def choose_camera(scene: Scene, sensor: int, size: tuple[int, int] | None) -> Camera:
@@ -209,53 +181,12 @@ def choose_integrator(scene: Scene, integrator: Integrator | str | None) -> Inte
     if integrator is None:
         return scene.description.integrator
     if isinstance(integrator, str):
-        if integrator not in _RADIANCE:
+        if integrator not in RADIANCE:
             raise SettingError(
-                f"unknown integrator {integrator!r}: there are {', '.join(_RADIANCE)} (aov needs settings)"
+                f"unknown integrator {integrator!r}: there are {', '.join(RADIANCE)} (aov needs settings)"
             )
         return Integrator(kind=integrator)  # type: ignore[arg-type]
     return integrator
-
-
-class _View:
-    """A camera, its film, and how rays through it know how far apart they are."""
-
-    def __init__(self, camera: Any, film: Film, filtering: Filtering, sample_count: int) -> None:
-        self.camera, self.film = camera, film
-        # Samples of a pixel lie the closer together the more there are (Igehy 1999; Mitsuba does the same).
-        spacing = sample_count**-0.5
-        Float = film.types.Float
-        self.step = dr.opaque(Float, spacing / film.width), dr.opaque(Float, spacing / film.height)
-        self.differentials = make_differentials(filtering.differentials, self.step, spacing)
-
-
-def _sample(
-    traced: TracedScene, settings: Integrator, view: _View, sampler: Sampler, pixel: Any, offset: Any
-) -> list[Any]:
-    """The values of one sample a lane: colour, then aovs."""
-    camera, differentials = view.camera, view.differentials
-    position = view.film.position(pixel, offset)
-    aperture = sampler.next_2d() if camera.needs_aperture_sample else None
-    radiance = settings if settings.kind != "aov" else settings.nested
-    ray, differential = differentials.start(camera, position, aperture)
-    values: list[Any] = []
-    if radiance is not None:
-        integrate = _RADIANCE[radiance.kind]
-        found = integrate(traced, radiance, sampler, ray, differentials=differentials, differential=differential)
-        values.extend(found)
-    if settings.kind == "aov":
-        needed = differential is None and needs_offset_rays(settings)
-        offsets = _offset_rays(view, position, aperture) if needed else None
-        found = aov(traced, settings, ray, offsets, differentials=differentials, differential=differential)
-        values = [*values, *found]
-    return values
-
-
-def _offset_rays(view: _View, position: Any, aperture: Any) -> tuple[Ray, Ray]:
-    """Rays towards the next sample to the right and down."""
-    step = type(position)
-    right, down = step(view.step[0], 0), step(0, view.step[1])
-    return view.camera.sample_ray(position + right, aperture), view.camera.sample_ray(position + down, aperture)
 
 
 def _bar(progress: bool | None, passes: int) -> Any:

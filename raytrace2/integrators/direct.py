@@ -10,7 +10,8 @@ from ..rays.differentials import NO_DIFFERENTIALS, Differentials
 from ..rays.ray import Ray
 from ..scene.description import Integrator
 from ..scene.traced import TracedScene
-from .emission import met_emission, past_emitters, power_heuristic
+from .emission import met_emission, power_heuristic
+from .tracing import StructureTracing, Tracing
 
 
 def direct(
@@ -22,10 +23,12 @@ def direct(
     *,
     differentials: Differentials = NO_DIFFERENTIALS,
     differential: Any = None,
+    tracing: Tracing | None = None,
 ) -> Any:
     """Radiance (Array3f) along each ray of light that scatters at most once.
 
-    ``differentials`` say how rays carry footprints, ``differential`` is that of ``ray``.
+    ``differentials`` say how rays carry footprints, ``differential`` is that of ``ray``. With a ``tracing`` other than
+    the scene's own the samples of a point are not taken in a loop.
 
     ``settings.emitter_samples`` and ``settings.bsdf_samples`` rays are traced from each point, in symbolic loops; the
     sampler's numbers are drawn in Mitsuba's order, but none for what is not in the kernel.
@@ -37,9 +40,9 @@ def direct(
     total = settings.emitter_samples + settings.bsdf_samples
     light_share, bsdf_share = settings.emitter_samples / total, settings.bsdf_samples / total
 
-    hit = structure.intersect(ray, active)
-    if settings.hide_emitters:
-        hit = past_emitters(scene, ray, hit, active)
+    loops = tracing is None
+    tracing = StructureTracing(scene) if tracing is None else tracing
+    hit = tracing.closest(ray, active, t.Bool(True) if settings.hide_emitters else None)
     meeting = differentials.meet(structure, ray, differential, hit)
     if scene.draws_texels:
         meeting = meeting.drawing(sampler.next_2d())
@@ -51,19 +54,19 @@ def direct(
     material = scene.material(si, active)
 
     def sample_light(i: Any, result: Any, sampler: Any) -> tuple[Any, Any, Any]:
-        si = meeting.inside(settings.emitter_samples > 1).si
+        si = meeting.inside(loops and settings.emitter_samples > 1).si
         lit = active & materials.has_smooth(material, active)
         light = lights.sample(si.p, sampler.next_2d(), lit)
         lit &= light.pdf > 0
         value, bsdf_pdf = materials.eval_pdf(si, material, si.to_local(light.d), active)
         lit &= dr.max(value) > 0
-        lit &= ~structure.occluded(si.spawn_ray_to(light.p), lit)
+        lit &= ~tracing.blocked(si.spawn_ray_to(light.p), lit)
         weight = power_heuristic(light.pdf * light_share, bsdf_pdf * bsdf_share)
         weight = dr.select(light.delta, 1, weight) / settings.emitter_samples
         return i + 1, dr.select(lit, result + value * light.weight * weight, result), sampler
 
     def sample_material(i: Any, result: Any, sampler: Any) -> tuple[Any, Any, Any]:
-        here = meeting.inside(settings.bsdf_samples > 1)
+        here = meeting.inside(loops and settings.bsdf_samples > 1)
         scatter = here.scatter
         # Mitsuba draws the pair first here, and second in its path tracer.
         pair = sampler.next_2d()
@@ -72,9 +75,10 @@ def direct(
         left = None
         if differential is not None:
             left = differentials.leave(here, sample, onward, differential)
-            onward, sample = dr.detach(onward), dr.detach(sample)
+            if not tracing.keeps_gradients:
+                onward, sample = dr.detach(onward), dr.detach(sample)
         useful = active & (dr.max(sample.weight) > 0)
-        beyond = differentials.meet(structure, onward, left, structure.intersect(onward, useful))
+        beyond = differentials.meet(structure, onward, left, tracing.closest(onward, useful, None))
         if scene.draws_texels:
             beyond = beyond.drawing(sampler.next_2d())
         met = beyond.si
@@ -87,11 +91,16 @@ def direct(
 
     counter = dr.zeros(t.UInt, width)
     if settings.emitter_samples and materials.has_smooth_any and lights.count:
-        _, result, sampler = _repeat(settings.emitter_samples, sample_light, (counter, result, sampler), active)
+        _, result, sampler = _repeat(settings.emitter_samples, sample_light, (counter, result, sampler), active, loops)
     if settings.bsdf_samples and (lights.has_area or lights.has_environment):
-        _, result, sampler = _repeat(settings.bsdf_samples, sample_material, (counter + 0, result, sampler), active)
+        _, result, sampler = _repeat(settings.bsdf_samples, sample_material, (counter + 0, result, sampler), active, loops)
     return result
 
 
-def _repeat(times: int, body: Any, state: tuple[Any, ...], active: Any) -> tuple[Any, ...]:
-    return body(*state) if times == 1 else dr.while_loop(state, lambda i, *_: active & (i < times), body)
+def _repeat(times: int, body: Any, state: tuple[Any, ...], active: Any, loops: bool) -> tuple[Any, ...]:
+    if loops and times > 1:
+        found: tuple[Any, ...] = dr.while_loop(state, lambda i, *_: active & (i < times), body)
+        return found
+    for _ in range(times):
+        state = body(*state)
+    return state

@@ -11,7 +11,8 @@ from ..rays.differentials import NO_DIFFERENTIALS, Differentials
 from ..rays.ray import Ray
 from ..scene.description import Integrator
 from ..scene.traced import TracedScene
-from .emission import met_emission, past_emitters, power_heuristic
+from .emission import met_emission, power_heuristic
+from .tracing import StructureTracing, Tracing
 
 
 @dataclass
@@ -54,20 +55,37 @@ def path(
     width = len(ray)
     if settings.max_depth == 0:
         return dr.zeros(t.Array3f, width)
-    state = _start(scene, settings, ray, width, active)
-    state.differential = differential
-    max_depth = dr.opaque(t.UInt, settings.max_depth if settings.max_depth >= 0 else 0xFFFFFFFF)
-    rr_depth = dr.opaque(t.UInt, settings.rr_depth)
+    state = start(scene, settings, ray, active, differential)
+    limits = Limits.of(scene, settings)
+    tracing = StructureTracing(scene)
 
-    def bounce(state: PathState, sampler: Any) -> tuple[PathState, Any]:
-        return _bounce(scene, settings, state, sampler, max_depth, rr_depth, differentials), sampler
+    def step(state: PathState, sampler: Any) -> tuple[PathState, Any]:
+        return bounce(scene, limits, state, sampler, differentials, tracing), sampler
 
-    state, _ = dr.while_loop((state, sampler), lambda s, _: s.active, bounce, label="path")
+    state, _ = dr.while_loop((state, sampler), lambda s, _: s.active, step, label="path")
     return dr.select(state.shown, state.radiance, 0)
 
 
-def _start(scene: TracedScene, settings: Integrator, ray: Ray, width: int, active: Any) -> PathState:
-    t = scene.types
+@dataclass(frozen=True)
+class Limits:
+    """Where paths end, UInt on the device: no more than ``max_depth`` of them, and Russian roulette from ``rr_depth``.
+    ``hides_emitters``: rays from the camera do not see lights."""
+
+    max_depth: Any
+    rr_depth: Any
+    hides_emitters: bool
+
+    @staticmethod
+    def of(scene: TracedScene, settings: Integrator) -> Limits:
+        """Those of ``settings``."""
+        UInt = scene.types.UInt
+        max_depth = dr.opaque(UInt, settings.max_depth if settings.max_depth >= 0 else 0xFFFFFFFF)
+        return Limits(max_depth, dr.opaque(UInt, settings.rr_depth), settings.hide_emitters)
+
+
+def start(scene: TracedScene, settings: Integrator, ray: Ray, active: Any = True, differential: Any = None) -> PathState:
+    """The state of a path whose first ray is ``ray``, with its ``differential``."""
+    t, width = scene.types, len(ray)
     zero3 = dr.zeros(t.Array3f, width)
     false = dr.full(t.Bool, False, width)
     full_ray = Ray.of(ray.o + zero3, ray.d + zero3, ray.tmin + zero3.x, ray.tmax + zero3.x)
@@ -82,23 +100,20 @@ def _start(scene: TracedScene, settings: Integrator, ray: Ray, width: int, activ
         delta=~false,
         shown=false | (not settings.hide_emitters),
         active=(~false) & active,
+        differential=differential,
     )
 
 
-def _bounce(
-    scene: TracedScene,
-    settings: Integrator,
-    s: PathState,
-    sampler: Any,
-    max_depth: Any,
-    rr_depth: Any,
-    differentials: Differentials,
+def bounce(
+    scene: TracedScene, limits: Limits, s: PathState, sampler: Any, differentials: Differentials, tracing: Tracing
 ) -> PathState:
+    """The state after the ray of ``s`` has met what it meets, which ``tracing`` tells, and has been scattered there.
+
+    ``s`` is used up. What the bounce draws, it draws from ``sampler``.
+    """
     t = scene.types
     structure, materials, lights = scene.structure, scene.materials, scene.lights
-    hit = structure.intersect(s.ray, s.active)
-    if settings.hide_emitters:
-        hit = past_emitters(scene, s.ray, hit, s.active & (s.depth == 0))
+    hit = tracing.closest(s.ray, s.active, s.depth == 0 if limits.hides_emitters else None)
     meeting = differentials.meet(structure, s.ray, s.differential, hit)
     if scene.draws_texels:
         meeting = meeting.drawing(sampler.next_2d())
@@ -106,7 +121,7 @@ def _bounce(
     if lights.has_area or lights.has_environment:
         emitted = met_emission(scene, s.origin, s.ray, si, s.pdf, s.delta, s.active, s.differential)
         s.radiance = dr.fma(s.throughput, emitted, s.radiance)
-    goes_on = s.active & si.valid & (s.depth + 1 < max_depth)
+    goes_on = s.active & si.valid & (s.depth + 1 < limits.max_depth)
     material = scene.material(si, goes_on)
 
     direct, lit, shadow_ray = None, None, None
@@ -127,22 +142,24 @@ def _bounce(
     # What lanes carry that do not go on means nothing.
     if s.differential is not None:
         s.differential = differentials.leave(meeting, sample, onward, s.differential)
-        onward, sample = dr.detach(onward), dr.detach(sample)
+        if not tracing.keeps_gradients:
+            onward, sample = dr.detach(onward), dr.detach(sample)
     s.ray, s.origin = onward, si.p
     s.throughput = s.throughput * sample.weight
-    gain = dr.max(s.throughput)
+    # How a path ends is no part of what it brings on average, and has no derivative.
+    gain = dr.max(dr.detach(s.throughput))
     if s.eta is not None:
-        s.eta = s.eta * sample.eta
+        s.eta = s.eta * dr.detach(sample.eta)
         gain *= s.eta * s.eta
     s.shown |= goes_on & ~sample.null
     s.pdf, s.delta = sample.pdf, sample.delta
     s.depth = dr.select(si.valid, s.depth + 1, s.depth)
     if direct is not None:
-        lit &= ~structure.occluded(shadow_ray, lit)
+        lit &= ~tracing.blocked(shadow_ray, lit)
         s.radiance = dr.select(lit, s.radiance + direct, s.radiance)
 
     survival = dr.fmin(gain, t.Float(0.95))
-    at_risk = s.depth >= rr_depth
+    at_risk = s.depth >= limits.rr_depth
     survives = sampler.next_1d() < survival
     s.throughput = dr.select(at_risk, s.throughput * dr.rcp(dr.select(survival > 0, survival, 1)), s.throughput)
     s.active = goes_on & (~at_risk | survives) & (gain > 0)

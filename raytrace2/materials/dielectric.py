@@ -11,7 +11,7 @@ from ..scene.description import DielectricBsdf
 from ..textures import TextureParameter, TextureTable
 from .fresnel import fresnel_dielectric
 from .index_of_refraction import RelativeIndices
-from .sample import BsdfSample
+from .sample import BsdfSample, by_choice
 
 
 class Dielectric:
@@ -41,5 +41,6 @@ class Dielectric:
             self._transmittance.eval(place, si, active & ~reflected) * (f.inverse_eta * f.inverse_eta),
         )
         pdf = dr.select(reflected, f.reflectance, 1 - f.reflectance)
+        weight = by_choice(weight, pdf)
         eta = dr.select(reflected, 1, f.eta)
         return BsdfSample(wo, dr.select(active, weight, 0), pdf, eta, t.Bool(True), t.Bool(False))

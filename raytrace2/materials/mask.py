@@ -9,7 +9,7 @@ import drjit as dr
 
 from ..scene.description import Bsdf, MaskBsdf, Texture, TwoSidedBsdf
 from ..textures import TextureParameter, TextureTable
-from .sample import BsdfSample
+from .sample import BsdfSample, by_choice
 
 
 def opacities(bsdf: Bsdf) -> list[Texture]:
@@ -44,7 +44,7 @@ class Masks:
         t = self._types
         return BsdfSample(
             dr.select(solid, sample.wo, -wi),
-            dr.select(solid, sample.weight, 1),
+            by_choice(dr.select(solid, sample.weight, 1), dr.select(solid, opacity, 1 - opacity)),
             dr.select(solid, sample.pdf * opacity, 1 - opacity),
             dr.select(solid, sample.eta, 1),
             sample.delta | ~solid,

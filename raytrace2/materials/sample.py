@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import drjit as dr
+
 
 @dataclass
 class BsdfSample:
@@ -22,3 +24,13 @@ class BsdfSample:
     eta: Any
     delta: Any
     null: Any
+
+
+def by_choice(weight: Any, chance: Any) -> Any:
+    """``weight`` of what was chosen with the probability ``chance``, with the derivative that it would have if the
+    choice were averaged over: the weight of a choice is a value over its probability, of which only the value moves."""
+    if not dr.grad_enabled(chance):
+        return weight
+    fixed = dr.detach(chance)
+    likely = fixed > 0
+    return weight * dr.select(likely, chance / dr.select(likely, fixed, 1), 1)

@@ -116,7 +116,7 @@ class MaterialTable:
         if self._masks:
             opacity = self._masks.opacity(material, si, active)
             solid = sample1 < opacity
-            sample1 = sample1 / dr.select(solid, opacity, 1)
+            sample1 = sample1 / dr.detach(dr.select(solid, opacity, 1))
             reached = active & solid
         maps = self._maps(si, material, side, active)
         result: Any = None

@@ -11,7 +11,7 @@ from ..scene.description import ThinDielectricBsdf
 from ..textures import TextureParameter, TextureTable
 from .fresnel import fresnel_dielectric
 from .index_of_refraction import RelativeIndices
-from .sample import BsdfSample
+from .sample import BsdfSample, by_choice
 
 
 class ThinDielectric:
@@ -42,4 +42,5 @@ class ThinDielectric:
             self._transmittance.eval(place, si, active & ~reflected),
         )
         pdf = dr.select(reflected, reflectance, 1 - reflectance)
+        weight = by_choice(weight, pdf)
         return BsdfSample(wo, dr.select(active, weight, 0), pdf, t.Float(1), t.Bool(True), ~reflected)

@@ -79,7 +79,7 @@ class RayPoint:
         q = -(b + dr.copysign(dr.sqrt(dr.fmax(b * b - a * c, 0)), b))
         step = dr.select(q != 0, c / dr.select(q != 0, q, 1), 0)
         step = dr.fmax(dr.fmin(step, self.slack), -self.slack)
-        return dr.replace_grad(dr.fma(d, step, arm), self.p)
+        return dr.replace_grad(dr.fma(d, step, arm), self.p - type(d)(*center))
 
 
 def on_triangle(

@@ -101,9 +101,10 @@ class Shading:
             return _nothing(types, ray, hit)
         t = hit.t
         geometry = self._local_geometry(dr.detach(o), dr.detach(d), t, hit, valid)
-        if dr.grad_enabled(o, d):
-            # To first order the ray meets what it met where it meets the tangent plane.
-            n, p = dr.detach(geometry.n), dr.detach(geometry.p)
+        if dr.grad_enabled(o, d, geometry.p):
+            # To first order the ray meets what it met where it meets the tangent plane, which goes along with the point
+            # of the surface that is there now.
+            n, p = dr.detach(geometry.n), geometry.p
             slope = dr.dot(n, d)
             t = dr.replace_grad(t, dr.dot(n, p - o) / dr.select(valid & (slope != 0), slope, 1))
             geometry = self._local_geometry(o, d, t, hit, valid)

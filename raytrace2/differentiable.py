@@ -1,0 +1,203 @@
+"""A render as one operation of Dr.Jit's automatic differentiation, in reverse and in forward mode.
+
+The image is rendered as ever. Its derivatives are those of another render, with samples of its own: their noise is
+then independent of the image's, and an error that is squared has gradients without bias.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+
+from .errors import SettingError
+from .integrators.replay import LONGEST, Replay, direct_again, path_backward, path_forward
+from .job import Job
+from .live import Slot, bound
+from .rays.differentials import Differentials, RayDifferential, make_differentials
+from .rays.ray import Ray
+from .rays.wavefront import Wavefront
+
+#: Differentials whose footprints the formulas of ``analytic`` have the derivatives of.
+_SAME_FOOTPRINTS = ("analytic", "autodiff", "autodiff2")
+
+
+@dataclass(frozen=True, eq=False)
+class Gradients:
+    """How a render is differentiated: ``job`` gives the job whose samples the derivatives are taken with;
+    ``footprints``, whether they go through footprints."""
+
+    job: Callable[[], Job]
+    footprints: bool
+
+
+def differentiable(image: Any, slots: list[Slot], values: list[Any], how: Gradients) -> Any:
+    """``image``, as a function of ``values``, the arrays that it was rendered with in the places of ``slots``."""
+    return dr.custom(_Render, values, slots, image, how)
+
+
+class _Render(dr.CustomOp):  # type: ignore[misc]
+    def eval(self, values: list[Any], slots: list[Slot], image: Any, how: Gradients) -> Any:
+        self._values, self._slots, self._how = values, slots, how
+        return type(image)(image)
+
+    def forward(self) -> None:
+        moving = _Moving.of(self._slots, self._values, self._how, self.grad_in("values"))
+        self.set_grad_out(moving.image_tangent())
+
+    def backward(self) -> None:
+        moving = _Moving.of(self._slots, self._values, self._how, None)
+        self.set_grad_in("values", moving.value_adjoints(self.grad_out()))
+
+    def name(self) -> str:
+        return "raytrace2.render"
+
+
+@dataclass(frozen=True, eq=False)
+class _Moving:
+    """A job with copies of its values that carry derivatives."""
+
+    job: Job
+    slots: list[Slot]
+    replay: Replay
+
+    @staticmethod
+    def of(slots: list[Slot], values: list[Any], how: Gradients, tangents: list[Any] | None) -> _Moving:
+        copies = [type(value)(dr.detach(value)) for value in values]
+        dr.enable_grad(copies)
+        if tangents is not None:
+            dr.set_grad(copies, tangents)
+        job = how.job()
+        moves = any(slot.moves for slot in slots)
+        through = _footprints(job) if moves and how.footprints else None
+        return _Moving(job, slots, Replay(copies, moves, through))
+
+    def value_adjoints(self, image: Any) -> list[Any]:
+        """The adjoint of each value, given that of the image."""
+        film, job = self.job.view.film, self.job
+        if film.filter.is_box:
+            film.expect(job.sampler.sample_count)
+        else:
+            for wavefront in job.passes:
+                film.add(wavefront, job.begin(wavefront)[0], [job.traced.types.Float(0)] * film.channels)
+        adjoint = film.adjoint(image)
+        with bound(self.slots, self.replay.values):
+            for wavefront in job.passes:
+                longer = self._pass_backward(wavefront, adjoint)
+                dr.eval([dr.grad(v) for v in self.replay.values], longer)
+                _warn(longer)
+        return [dr.grad(v) for v in self.replay.values]
+
+    def image_tangent(self) -> Any:
+        """How the image changes, for the tangents that the values have."""
+        job, film = self.job, self.job.view.film
+        with bound(self.slots, self.replay.values):
+            for wavefront in job.passes:
+                offset, change = self._pass_forward(wavefront)
+                film.add(wavefront, offset, list(dr.detach(change)))
+        return film.develop()
+
+    def _pass_backward(self, wavefront: Wavefront, adjoint: Any) -> Any:
+        job, replay = self.job, self.replay
+        view, t = job.view, job.traced.types
+        with dr.suspend_grad(replay.values):
+            offset, position, aperture = job.begin(wavefront)
+            ray, differential = view.differentials.start(view.camera, position, aperture)
+            given = t.Array3f(*view.film.sample_adjoints(adjoint, wavefront, offset))
+        longer = None
+        if job.settings.kind == "path":
+            following, longer = path_backward(
+                job.traced, job.settings, job.sampler, ray, given, replay, view.differentials, differential
+            )
+            if not replay.moves:
+                return longer
+            moving, moving_differential = self._start(position, aperture)
+            # Those of the throughput, the origin of the way to the camera and its density go no further.
+            parts = [moving.o, moving.d, *_parts(moving_differential)]
+            total = _sum([dr.dot(a, x) for a, x in zip([*following[1:3], *following[5:]], parts, strict=True)])
+        else:
+            moving, moving_differential = self._start(position, aperture)
+            found = direct_again(
+                job.traced, job.settings, job.sampler, ray, moving, replay, view.differentials, differential,
+                moving_differential,
+            )  # fmt: skip
+            total = dr.dot(given, found)
+        if dr.grad_enabled(total):
+            dr.backward_from(total)
+        return longer
+
+    def _pass_forward(self, wavefront: Wavefront) -> tuple[Any, Any]:
+        job, replay = self.job, self.replay
+        view = job.view
+        with dr.suspend_grad(replay.values):
+            offset, position, aperture = job.begin(wavefront)
+            ray, differential = view.differentials.start(view.camera, position, aperture)
+        moving, moving_differential = self._start(position, aperture)
+        if job.settings.kind == "path":
+            tangents = _tangents([moving.o, moving.d, *_parts(moving_differential)])
+            change = path_forward(
+                job.traced, job.settings, job.sampler, ray, tangents, replay, view.differentials, differential
+            )
+        else:
+            found = direct_again(
+                job.traced, job.settings, job.sampler, ray, moving, replay, view.differentials, differential,
+                moving_differential,
+            )  # fmt: skip
+            (change,) = _tangents([found])
+        return offset, change
+
+    def _start(self, position: Any, aperture: Any) -> tuple[Ray, RayDifferential | None]:
+        """The camera's rays, with derivatives if the camera has them."""
+        camera = self.job.view.camera
+        if self.replay.through is None:
+            return camera.sample_ray(position, aperture), None
+        ray, right, down = camera.sample_ray_differential(position, aperture, self.job.view.step)
+        return ray, RayDifferential.full(ray.o, *right, *down)
+
+
+def _footprints(job: Job) -> Differentials | None:
+    """What tells the derivatives of footprints; None where there are no footprints."""
+    name = job.filtering.differentials
+    if name == "none":
+        return None
+    if name not in _SAME_FOOTPRINTS:
+        raise SettingError(
+            f"footprints by {name!r} differentials have no derivatives: choose {', '.join(_SAME_FOOTPRINTS)}, or "
+            "footprint_gradients=False, which takes footprints as they are"
+        )
+    return make_differentials("analytic", job.view.step, job.view.spacing)
+
+
+def _parts(differential: RayDifferential | None) -> list[Any]:
+    if differential is None:
+        return []
+    return [differential.o_dx, differential.d_dx, differential.o_dy, differential.d_dy]
+
+
+def _tangents(values: list[Any]) -> list[Any]:
+    """How ``values`` change for the tangents that their inputs have."""
+    ends = [-v for v in values]
+    moving = [end for end in ends if dr.grad_enabled(end)]
+    if moving:
+        dr.forward_to(moving, flags=dr.ADFlag.ClearEdges | dr.ADFlag.ClearInterior)
+    return [-dr.grad(end) for end in ends]
+
+
+def _sum(values: list[Any]) -> Any:
+    total = values[0]
+    for value in values[1:]:
+        total = total + value
+    return total
+
+
+def _warn(longer: Any) -> None:
+    count = 0 if longer is None else int(longer[0])
+    if count:
+        message = (
+            f"{count} paths were longer than {LONGEST} bounces, and the gradients leave out what lies beyond: give the "
+            "integrator a max_depth"
+        )
+        warnings.warn(message, RuntimeWarning, stacklevel=2)

@@ -1,0 +1,136 @@
+"""What a render comes down to once its arguments are settled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+
+from .film import Film
+from .filtering import Filtering, plan_filtering
+from .integrators.aov import aov, channel_names, needs_offset_rays
+from .integrators.direct import direct
+from .integrators.path import path
+from .rays.camera import make_camera
+from .rays.differentials import make_differentials
+from .rays.ray import Ray
+from .rays.sampler import Sampler, make_sampler
+from .rays.wavefront import Wavefront, split_passes
+from .render_arguments import check_work
+from .scene.description import Camera, Integrator
+from .scene.scene import Scene
+from .scene.traced import TracedScene
+from .types import types
+
+#: Integrators of light, by name.
+RADIANCE: dict[str, Callable[..., Any]] = {"path": path, "direct": direct}
+
+
+@dataclass(frozen=True)
+class Choices:
+    """How a scene is rendered, names checked: see :func:`~raytrace2.render.render`."""
+
+    camera: Camera
+    integrator: Integrator
+    seed: int
+    spp: int
+    accel: str | None
+    filter: str | None
+    differentials: str | None
+    precision: str
+    intersection: str | None
+    max_lanes: int
+
+
+class View:
+    """A camera, its film, and how rays through it know how far apart they are."""
+
+    def __init__(self, camera: Any, film: Film, filtering: Filtering, sample_count: int) -> None:
+        self.camera, self.film = camera, film
+        # Samples of a pixel lie the closer together the more there are (Igehy 1999; Mitsuba does the same).
+        spacing = sample_count**-0.5
+        Float = film.types.Float
+        self.spacing = spacing
+        self.step = dr.opaque(Float, spacing / film.width), dr.opaque(Float, spacing / film.height)
+        self.differentials = make_differentials(filtering.differentials, self.step, spacing)
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """A scene with its tables, a view of it and the passes that make the image, whose channels have ``names``."""
+
+    traced: TracedScene
+    settings: Integrator
+    filtering: Filtering
+    view: View
+    sampler: Sampler
+    seed: int
+    passes: list[Wavefront]
+    names: list[str]
+
+    @staticmethod
+    def of(scene: Scene, c: Choices) -> Job:
+        """Makes structure and tables, if they are not there yet."""
+        settings = c.integrator
+        sampler = make_sampler(c.camera.sampler, types(c.precision), c.spp if c.spp != 0 else None)
+        asked = c.filter or scene.filter, c.differentials or scene.differentials
+        filtering = plan_filtering(*asked, c.camera.film, sampler.sample_count)
+        traced = scene.traced(c.accel, c.precision, filtering.textures, c.intersection)
+        if settings.kind != "aov" or settings.nested is not None or any(kind == "albedo" for _, kind in settings.aovs):
+            traced.prepare_shading()
+        camera = make_camera(c.camera, traced.types)
+        names = [] if settings.kind == "aov" and settings.nested is None else ["R", "G", "B"]
+        names += channel_names(settings)
+        check_work(filtering.film, len(names), sampler.sample_count, c.max_lanes)
+        film = Film(filtering.film, traced.types, len(names))
+        passes = split_passes(film.pixel_count, sampler.sample_count, c.max_lanes)
+        view = View(camera, film, filtering, sampler.sample_count)
+        return Job(traced, settings, filtering, view, sampler, c.seed, passes, names)
+
+    @property
+    def channels(self) -> list[str]:
+        """The names of the image's channels."""
+        if self.view.film.pixel_format == "luminance" and self.names[:3] == ["R", "G", "B"]:
+            return ["Y", *self.names[3:]]
+        return self.names
+
+    def begin(self, wavefront: Wavefront) -> tuple[Any, Any, Any]:
+        """Seeds the sampler for a pass: where in its pixel each sample lies, where on the film, and on the lens."""
+        self.sampler.seed(self.seed, wavefront)
+        pixel, _ = wavefront.pixel_and_sample()
+        offset = self.sampler.next_2d()
+        if self.filtering.centred:
+            offset = type(offset)(0.5, 0.5)
+        position = self.view.film.position(pixel, offset)
+        aperture = self.sampler.next_2d() if self.view.camera.needs_aperture_sample else None
+        return offset, position, aperture
+
+    def render_pass(self, wavefront: Wavefront) -> None:
+        """Adds the samples of a pass to the film."""
+        offset, position, aperture = self.begin(wavefront)
+        self.view.film.add(wavefront, offset, self._values(position, aperture))
+        dr.sync_thread()
+
+    def _values(self, position: Any, aperture: Any) -> list[Any]:
+        """The values of one sample a lane: colour, then aovs."""
+        settings, view = self.settings, self.view
+        radiance = settings if settings.kind != "aov" else settings.nested
+        ray, differential = view.differentials.start(view.camera, position, aperture)
+        how: dict[str, Any] = {"differentials": view.differentials, "differential": differential}
+        values: list[Any] = []
+        if radiance is not None:
+            values.extend(RADIANCE[radiance.kind](self.traced, radiance, self.sampler, ray, **how))
+        if settings.kind == "aov":
+            needed = differential is None and needs_offset_rays(settings)
+            offsets = _offset_rays(view, position, aperture) if needed else None
+            values = [*values, *aov(self.traced, settings, ray, offsets, **how)]
+        return values
+
+
+def _offset_rays(view: View, position: Any, aperture: Any) -> tuple[Ray, Ray]:
+    """Rays towards the next sample to the right and down."""
+    step = type(position)
+    right, down = step(view.step[0], 0), step(0, view.step[1])
+    return view.camera.sample_ray(position + right, aperture), view.camera.sample_ray(position + down, aperture)
