@@ -5,6 +5,7 @@ Sums over texels are in double precision, along u and then along v, for one band
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import drjit as dr
@@ -13,6 +14,7 @@ import numpy as np
 from ..buffers import owned
 from ..types import Types
 from .block_lines import Side, Taps, pairs, texel_taps
+from .replayed import summed
 
 # Sums along u that are kept at a time: about 50 MB of colours.
 _BAND = 2**20
@@ -100,7 +102,7 @@ def _summed(fetch: Any, reference: Any, u: Side, v: Side, distances: bool, types
     taps_u, taps_v = texel_taps(u), texel_taps(v)
     along_u, along_v = _Sums(taps_u, types), _Sums(taps_v, types)
     channels = len(reference)
-    total = [[dr.empty(types.Float, u.stored * v.stored) for _ in range(4 + distances)] for _ in range(channels)]
+    bands: list[list[Any]] = []
     reach = along_v.taps
     start = 0
     while start < v.stored:
@@ -113,13 +115,13 @@ def _summed(fetch: Any, reference: Any, u: Side, v: Side, distances: bool, types
         row, column = _places(u.stored, end - start, types)
         block = row + dr.opaque(UInt, start)
         sums = _down(lines, along_v, block, column, first, u.stored, types)
-        index = dr.fma(block, dr.opaque(UInt, u.stored), column)
-        for planes, values in zip(total, sums, strict=True):
-            for plane, value in zip(planes, values, strict=True):
-                dr.scatter(plane, types.Float(value), index)
-        dr.eval(total)
+        band = [[types.Float(value) for value in values] for values in sums]
+        dr.eval(band)
+        bands.append(band)
         start = end
-    return total
+    if len(bands) == 1:
+        return bands[0]
+    return [[dr.concat([band[c][k] for band in bands]) for k in range(4 + distances)] for c in range(channels)]
 
 
 def _lines(
@@ -155,9 +157,9 @@ def _lines(
 
     channels = len(reference)
     before = [[zero] * 2 for _ in range(channels * distances)]
-    state = dr.zeros(UInt, len(zero)), before, [[zero] * (4 if distances else 2) for _ in range(channels)]
+    sums = [[zero] * (4 if distances else 2) for _ in range(channels)]
     last = dr.opaque(UInt, along_u.taps)
-    sums = dr.while_loop(state, lambda k, *_: k < last, turn, label="texels of blocks along u")[2]
+    sums = _turned(turn, before, sums, last, getattr(fetch, "buffers", ()), "texels of blocks along u")
     dr.eval(sums)
     return sums
 
@@ -188,10 +190,30 @@ def _down(
         return k + 1, products, result
 
     distances = len(lines[0]) > 2
-    state = dr.zeros(UInt, len(block)), [zero] * (len(lines) * distances), [[zero] * (4 + distances) for _ in lines]
     last = dr.opaque(UInt, along_v.taps)
-    sums = dr.while_loop(state, lambda k, *_: k < last, turn, label="rows of blocks along v")[2]
+    before = [zero] * (len(lines) * distances)
+    zeros = [[zero] * (4 + distances) for _ in lines]
+    sums = _turned(turn, before, zeros, last, [p for planes in lines for p in planes], "rows of blocks along v")
     return [[*s[:4], *(dr.fmax(square - _mean_square(s[:4]), 0) for square in s[4:])] for s in sums]
+
+
+def _turned(turn: Any, before: Any, sums: list[list[Any]], last: Any, buffers: Sequence[Any], label: str) -> Any:
+    """``turn(k, before, sums)`` for each k below ``last``; of the ``sums``, which it adds to, what it made.
+
+    Where ``buffers`` carry derivatives, nothing but sums is left from turn to turn.
+    """
+    zero, each = dr.zeros(type(last), dr.width(sums)), len(sums[0])
+
+    def flat(k: Any, kept: Any, *values: Any) -> tuple[Any, ...]:
+        k, kept, made = turn(k, kept, [list(values[c * each : (c + 1) * each]) for c in range(len(sums))])
+        return k, kept, *(v for total in made for v in total)
+
+    def terms(_: Any, k: Any, kept: Any) -> tuple[Any, ...]:
+        return flat(k, kept, *zeros)[2:]
+
+    zeros = [v for total in sums for v in total]
+    result = summed((zero, before), tuple(zeros), lambda k, *_: k < last, flat, terms, (), buffers, label)[2:]
+    return [list(result[c * each : (c + 1) * each]) for c in range(len(sums))]
 
 
 class _Sums:

@@ -8,7 +8,7 @@ On level 0 the blocks are the cells that reconstruction itself works on, and the
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -19,7 +19,8 @@ import numpy as np
 from ..buffers import owned
 from ..types import Types
 from .block_fits import fits
-from .block_lines import halvings, side
+from .block_lines import Side, halvings, side
+from .texels import joined
 from .wrap import CLAMP, MIRROR
 
 # Texels that are looked at in one go.
@@ -93,12 +94,12 @@ class BlockMeans:
         self._count = end
         self._deviations: Any = None
         self._spreads: Any = None
-        self._blocks = dr.zeros(types.Float, max(end, 1) * 4 * texels.channels)
+        blocks = dr.zeros(types.Float, max(end, 1) * 4 * texels.channels)
         for i, first, made in self._fits(False):
             for c, fit in enumerate(made):
                 block = dr.arange(types.UInt, len(fit[0])) + dr.opaque(types.UInt, first)
-                dr.scatter(self._blocks, types.Array4f(*fit), block * texels.channels + c)
-            dr.eval(self._blocks)
+                dr.scatter(blocks, types.Array4f(*fit), block * texels.channels + c)
+            dr.eval(blocks)
             images[i, 4 : 4 + len(made)] = [fit[0][len(fit[0]) // 2] for fit in made]
         for i in range(len(sizes)):
             images[i, : texels.channels] = [float(v[0]) for v in self._reference(i)]
@@ -106,15 +107,17 @@ class BlockMeans:
         self._means = images[:, 4:7]
         self._where = owned(where, types.UInt)
         self._extents = owned(extents, types.Float)
-        self._images: Any = [owned(v, types.Float) for v in images[0]] if self._single else owned(images, types.Float)
+        whole: Any = [owned(v, types.Float) for v in images[0]] if self._single else owned(images, types.Float)
+        #: What of this depends on texels: the blocks, and what :meth:`ends` says of images.
+        self.data = blocks, whole
 
     def ends(self, image: Any, active: Any) -> tuple[Any, Any, Any]:
         """Of ``image``: its highest level (Float), a value of it that all of :meth:`block` is relative to, its mean."""
         t = self._types
         if self._single:
-            entries = self._images
+            entries = self.data[1]
         else:
-            both = [dr.gather(t.Array4f, self._images, 2 * image.place + k, active) for k in range(2)]
+            both = [dr.gather(t.Array4f, self.data[1], 2 * image.place + k, active) for k in range(2)]
             entries = [v[k] for v in both for k in range(4)]
         if self._texels.channels == 1:
             return entries[3], entries[0], entries[4]
@@ -167,11 +170,47 @@ class BlockMeans:
         part = active & ~level.full
         index, sign_u, sign_v = self._index(image, level, column, row)
         channels = self._texels.channels
-        stored = [dr.gather(t.Array4f, self._blocks, index * channels + c, part) for c in range(channels)]
+        stored = [dr.gather(t.Array4f, self.data[0], index * channels + c, part) for c in range(channels)]
         found = [stored[0][k] if channels == 1 else t.Array3f(*(s[k] for s in stored)) for k in range(4)]
         if MIRROR in self._modes:
             found[1], found[2], found[3] = found[1] * sign_u, found[2] * sign_v, found[3] * (sign_u * sign_v)
         return tuple(dr.select(level.full, a, b) for a, b in zip((mean, slope_u, slope_v, mixed), found, strict=True))
+
+    def with_images(self, data: tuple[Any, Any], images: Mapping[int, Any]) -> tuple[Any, Any]:
+        """What :attr:`data` is with other images, as :meth:`~raytrace2.textures.texels.Texels.with_images` takes them;
+        a function with derivatives. :meth:`deviation` and :meth:`spread` remain those of the images as they were."""
+        t, channels = self._types, self._texels.channels
+        pieces: list[Any] = []
+        whole: list[Any] = []
+        end = 0
+        for i in range(len(self._sizes)):
+            counts = [u.stored * v.stored for u, v in self._sides(i)]
+            if i not in images:
+                pieces.append((end, end + sum(counts)))
+                whole.append((8 * i, 8 * i + 8))
+            else:
+                planes = self._texels.planes(images[i])
+                first = dr.opaque(t.UInt, 0)
+                reference = [dr.detach(dr.gather(t.Float, plane, first)) for plane in planes]
+                means = [dr.gather(t.Float, plane, first) for plane in planes]
+                for made in self._levels_of(i, _Planes(planes, t), reference, False):
+                    pieces.append(_packed(made, t))
+                    middle = dr.opaque(t.UInt, len(made[0][0]) // 2)
+                    means = [dr.gather(t.Float, f[0], middle) + r for f, r in zip(made, reference, strict=True)]
+                none = [dr.opaque(t.Float, 0)] * (3 - channels)
+                top = dr.opaque(t.Float, len(counts))
+                entries = [*reference, *none, top, *means, *none, dr.opaque(t.Float, 0)]
+                dr.eval(entries)
+                if self._single:
+                    whole.append(entries)
+                else:
+                    whole += entries
+            end += sum(counts)
+        if end == 0:
+            blocks = data[0]
+        else:
+            blocks = joined(pieces, data[0], 4 * channels, t)
+        return blocks, whole[0] if self._single else joined(whole, data[1], 1, t)
 
     def build_deviations(self) -> None:
         """What :meth:`deviation` and :meth:`spread` read, if it is not there yet; not within a symbolic loop."""
@@ -232,19 +271,49 @@ class BlockMeans:
     def _fits(self, distances: bool) -> Iterator[tuple[int, int, list[Any]]]:
         """Every level above 0 of every image: the image, where its blocks begin, and what they are."""
         end = 0
-        for i, (width, height) in enumerate(self._sizes.tolist()):
-            reference = self._reference(i)
-            made: list[Any] = []
-            stride = 0
-            for level in range(1, 1 + halvings(max(width, height))):
-                u, v = (side(length, level, self._wraps[i], self._nearest[i]) for length in (width, height))
-                made = fits(partial(self._fetch, i), reference, u, v, made, stride, distances, self._types)
+        for i in range(len(self._sizes)):
+            for made in self._levels_of(i, partial(self._fetch, i), self._reference(i), distances):
                 yield i, end, made
-                stride = u.stored
-                end += u.stored * v.stored
+                end += len(made[0][0])
+
+    def _levels_of(self, image: int, fetch: Any, reference: list[Any], distances: bool) -> Iterator[list[Any]]:
+        made: list[Any] = []
+        stride = 0
+        for u, v in self._sides(image):
+            made = fits(fetch, reference, u, v, made, stride, distances, self._types)
+            yield made
+            stride = u.stored
+
+    def _sides(self, image: int) -> list[tuple[Side, Side]]:
+        """The sides of an image on every level above 0."""
+        width, height = self._sizes[image].tolist()
+        mode, near = self._wraps[image], self._nearest[image]
+        levels = range(1, 1 + halvings(max(width, height)))
+        return [(side(width, level, mode, near), side(height, level, mode, near)) for level in levels]
 
     def _flag(self, flags: Any, bit: int, occurring: Collection[bool]) -> Any:
         return flags & bit != 0 if len(occurring) > 1 else self._types.Bool(True in occurring)
+
+
+class _Planes:
+    """The channels of an image, as what gives those of a texel; ``buffers``: what it reads."""
+
+    def __init__(self, planes: list[Any], types: Types) -> None:
+        self.buffers = planes
+        self._types = types
+
+    def __call__(self, index: Any) -> list[Any]:
+        return [dr.gather(self._types.Float, plane, index) for plane in self.buffers]
+
+
+def _packed(fits_of: list[Any], types: Types) -> Any:
+    """Of each channel four planes, as they are stored: the numbers of a block together."""
+    count, stride = len(fits_of[0][0]), 4 * len(fits_of)
+    place = dr.arange(types.UInt, count * stride)
+    block = place // stride
+    index = dr.fma(place - block * stride, dr.opaque(types.UInt, count), block)
+    flat = dr.concat([plane for fit in fits_of for plane in fit])
+    return dr.gather(types.Float, flat, index, mode=dr.ReduceMode.NoConflicts)
 
 
 def _fold(x: Any, size: Any, mode: Any, modes: Collection[int]) -> tuple[Any, Any]:

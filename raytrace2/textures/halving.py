@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import drjit as dr
@@ -61,7 +62,7 @@ def taps(size: int, kernel: str, mode: int) -> tuple[np.ndarray, np.ndarray]:
 def halve(planes: list[Any], width: int, height: int, modes: int, kernel: str, types: Types) -> list[Any]:
     """The ``planes`` (Floats of ``width * height``, evaluated) of an image at half its size.
 
-    A constant stays what it is to the last bit.
+    A constant stays what it is to the last bit. Derivatives go through.
     """
     lines = dr.arange(types.UInt, half(width) * height)
     w = dr.opaque(types.UInt, half(width))
@@ -77,15 +78,15 @@ def _gathered(
 ) -> list[Any]:
     if size == 1:
         return planes
-    index, weights = taps(size, kernel, mode)
-    count = index.shape[1]
-    indices, factors = owned(index.astype(np.uint32), types.UInt), owned(weights.astype(types.numpy), types.Float)
+    indices, factors, count, apart = _buffers(size, kernel, mode, types)
+    # Which says how derivatives come back: where no texel is gathered twice, no atomic operation is called for.
+    gathers = dr.ReduceMode.NoConflicts if apart else dr.ReduceMode.Auto
     first: list[Any] = []
     sums: list[Any] = []
     for k in range(count):
         entry = place * count + k
         texel = start + dr.gather(types.UInt, indices, entry) * step
-        values = [dr.gather(types.Float, plane, texel) for plane in planes]
+        values = [dr.gather(types.Float, plane, texel, mode=gathers) for plane in planes]
         if k == 0:
             first = sums = values
         else:
@@ -94,6 +95,17 @@ def _gathered(
             sums = [dr.fma(factor, v - f, s) for v, f, s in zip(values, first, sums, strict=True)]
     dr.eval(sums)
     return sums
+
+
+@lru_cache(maxsize=256)
+def _buffers(size: int, kernel: str, mode: int, types: Types) -> tuple[Any, Any, int, bool]:
+    """The :func:`taps` for kernels, how many a texel has, and whether all are different texels.
+
+    An optimisation halves the same sizes at every step.
+    """
+    index, weights = taps(size, kernel, mode)
+    indices, factors = owned(index.astype(np.uint32), types.UInt), owned(weights.astype(types.numpy), types.Float)
+    return indices, factors, index.shape[1], len(np.unique(index)) == index.size
 
 
 def _wrapped(index: np.ndarray, size: int, mode: int) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -49,25 +49,43 @@ class Pyramid:
         self.levels = max(level_count(width, height) for width, height in sizes.tolist())
         records = np.zeros((len(sizes), self.levels, 4), np.uint32)
         scales = np.ones((len(sizes), 4))
+        self._sizes, self._modes, self._kernel = sizes.tolist(), modes, kernel
         made: list[list[Any]] = []
+        self._parts = [0]
         end = 0 if texels.is_bytes else texels.count
         for i, (width, height) in enumerate(sizes.tolist()):
             records[i, :] = int(texels.offsets[i]), width, height, _NO_NEXT
             planes = self._planes(i, width * height, srgb[i])
             if texels.is_bytes:
                 scales[i, : len(planes)] = [float(np.asarray(p).max()) / _WHITE or 1.0 for p in planes]
-            for level in range(1, level_count(width, height)):
-                planes = halve(planes, width, height, modes[i], kernel, types)
+            for level, smaller in enumerate(self._coarser(i, planes), 1):
                 width, height = half(width), half(height)
                 records[i, level - 1, 3] = end | records[i, level - 1, 3] & _COARSE
                 records[i, level:] = end, width, height, _COARSE | _NO_NEXT
-                made.append([p / types.Float(s) for p, s in zip(planes, scales[i].tolist(), strict=False)])
+                made.append([p / types.Float(s) for p, s in zip(smaller, scales[i].tolist(), strict=False)])
                 end += width * height
+            self._parts.append(len(made))
         self._records = owned(records, types.UInt)
         self._coarse = texels.append(made)
         self._scales: Any = None
         if texels.is_bytes:
             self._scales = [owned(s, types.Float) for s in scales[0]] if self._single else owned(scales, types.Float)
+
+    def appended(self, images: Mapping[int, Any]) -> dict[int, list[Any]]:
+        """What :meth:`~raytrace2.textures.texels.Texels.with_images` takes as such for its ``images``."""
+        made = {}
+        for i, image in images.items():
+            for k, planes in enumerate(self._coarser(i, self._texels.planes(image)), self._parts[i]):
+                made[k] = planes
+        return made
+
+    def _coarser(self, image: int, planes: list[Any]) -> Iterator[list[Any]]:
+        """Levels 1 and on of an image of the size of number ``image`` that has these ``planes``."""
+        width, height = self._sizes[image]
+        for _ in range(1, level_count(width, height)):
+            planes = halve(planes, width, height, self._modes[image], self._kernel, self._types)
+            width, height = half(width), half(height)
+            yield planes
 
     def level(self, image: Any, level: Any, active: Any) -> Any:
         """``image`` (:class:`~raytrace2.textures.bitmap.Image`) at ``level`` (UInt; beyond the last there is the last):

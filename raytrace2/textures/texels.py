@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import drjit as dr
@@ -32,6 +33,7 @@ class Texels:
         if sum(sizes) > _MOST_TEXELS:
             raise ValueError(f"{sum(sizes)} texels of one format are more than the {_MOST_TEXELS} that a table holds")
         self._types = types
+        self._appended: list[int] = []
         self.count = sum(sizes)
         self.is_bytes = images[0].dtype == np.uint8
         self._srgb: bool | None = srgb[0] if len(set(srgb)) == 1 else None
@@ -70,6 +72,7 @@ class Texels:
         ``ValueError`` as above.
         """
         t = self._types
+        self._appended = [len(image[0]) for image in images]
         first = 0 if self.is_bytes else self.count
         count = first + sum(len(image[0]) for image in images)
         if count > _MOST_TEXELS:
@@ -91,12 +94,77 @@ class Texels:
         self._buffer, self.count = buffer, count
         return None
 
+    def with_images(self, buffer: Any, images: Mapping[int, Any], appended: Mapping[int, Sequence[Any]]) -> Any:
+        """What kernels read in place of ``buffer``, which they do, for other ``images`` by number (flat, channels beside
+        each other) and other channels of what was ``appended`` by number; a function with derivatives.
+
+        It has the table's precision: halves are no good for sums of derivatives. Not for 8-bit images.
+        """
+        first = [*self.offsets.tolist(), self.count - sum(self._appended)]
+        ends = np.cumsum([first[-1], *self._appended]).tolist()
+        pieces: list[Any] = [
+            self._padded(images[i], end - start) if i in images else (start, end)
+            for i, (start, end) in enumerate(itertools.pairwise(first))
+        ]
+        pieces += [
+            self._interleaved(appended[i]) if i in appended else (start, end)
+            for i, (start, end) in enumerate(itertools.pairwise(ends))
+        ]
+        return joined(pieces, buffer, 1 if self.channels == 1 else 4, self._types)
+
+    def planes(self, image: Any) -> list[Any]:
+        """The channels of one of the images that :meth:`with_images` takes."""
+        if self.channels == 1:
+            return [image]
+        index = dr.arange(self._types.UInt, len(image) // 3) * 3
+        return [dr.gather(self._types.Float, image, index + c, mode=dr.ReduceMode.NoConflicts) for c in range(3)]
+
+    def _padded(self, image: Any, count: int) -> Any:
+        if self.channels == 1:
+            return image
+        place = dr.arange(self._types.UInt, 4 * count)
+        texel, channel = place >> 2, place & 3
+        index = dr.select(channel < 3, dr.fma(texel, 3, channel), 0)
+        return dr.gather(self._types.Float, image, index, channel < 3, mode=dr.ReduceMode.NoConflicts)
+
+    def _interleaved(self, planes: Sequence[Any]) -> Any:
+        if self.channels == 1:
+            return planes[0]
+        count = len(planes[0])
+        place = dr.arange(self._types.UInt, 4 * count)
+        channel = place & 3
+        index = dr.select(channel < 3, dr.fma(channel, dr.opaque(self._types.UInt, count), place >> 2), 0)
+        flat = dr.concat(list(planes))
+        return dr.gather(self._types.Float, flat, index, channel < 3, mode=dr.ReduceMode.NoConflicts)
+
     def _decode(self, byte: Any, srgb: Any) -> Any:
         linear = self._types.Float(byte) * (1.0 / 255.0)
         if self._srgb is False:
             return linear
         decoded = srgb_byte_to_linear(byte, self._types.Float)
         return decoded if self._srgb else dr.select(srgb, decoded, linear)
+
+
+def joined(pieces: Sequence[Any], given: Any, stride: int, types: Types) -> Any:
+    """One buffer of ``pieces``: Floats, or (first, end) for what ``given`` holds there, in units of ``stride``."""
+    merged: list[Any] = []
+    for piece in pieces:
+        if isinstance(piece, tuple) and merged and isinstance(merged[-1], tuple) and merged[-1][1] == piece[0]:
+            merged[-1] = merged[-1][0], piece[1]
+        else:
+            merged.append(piece)
+    parts = []
+    for piece in merged:
+        if isinstance(piece, tuple):
+            first, end = (stride * k for k in piece)
+            if end == first:
+                continue
+            index = dr.arange(types.UInt, end - first) + dr.opaque(types.UInt, first)
+            piece = types.Float(dr.gather(type(given), given, index))
+        parts.append(piece)
+    result = parts[0] if len(parts) == 1 else dr.concat(parts)
+    dr.eval(result)
+    return result
 
 
 def _packet_of(array4: Any, buffer: Any) -> Any:
