@@ -22,6 +22,11 @@ class Camera(Protocol):
     def sample_ray(self, film_position: Any, aperture_sample: Any = None) -> Ray:
         """Rays of unit direction through film positions in [0, 1]^2 of the crop window, from the top left."""
 
+    def sample_ray_differential(
+        self, film_position: Any, aperture_sample: Any, step: tuple[Any, Any]
+    ) -> tuple[Ray, tuple[Any, Any], tuple[Any, Any]]:
+        """The same, and how origin and direction change for ``step`` to the right and down on the film."""
+
 
 def make_camera(desc: CameraDescription, types: Types) -> Camera:
     """The camera of ``desc`` in the precision of ``types``, with Mitsuba's conventions.

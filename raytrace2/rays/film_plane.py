@@ -73,3 +73,8 @@ def opaque_vectors(rows: Iterable[np.ndarray], array: Any) -> list[Any]:
     vectors = [array(*(float(x) for x in row)) for row in rows]
     dr.make_opaque(vectors)
     return vectors
+
+
+def turned(d: Any, through: Any, moved: Any) -> Any:
+    """How the unit direction ``d`` of ``through`` changes where that changes by ``moved`` (Array3f)."""
+    return (moved - d * dr.dot(d, moved)) * dr.rcp(dr.norm(through))

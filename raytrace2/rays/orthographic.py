@@ -41,3 +41,12 @@ class Orthographic:
             dr.gather(type(origin), self._direction, first),
             tmax=dr.gather(type(self._range), self._range, first),
         )
+
+    def sample_ray_differential(
+        self, film_position: Any, aperture_sample: Any, step: tuple[Any, Any]
+    ) -> tuple[Ray, tuple[Any, Any], tuple[Any, Any]]:
+        """:meth:`sample_ray`, and how its origin and direction (Array3f) change for ``step`` to the right and down on
+        the film: by formulas, that can be differentiated again."""
+        ray = self.sample_ray(film_position, aperture_sample)
+        still = dr.zeros(type(ray.d), dr.width(film_position))
+        return ray, (self._du * step[0] + still, still), (self._dv * step[1] + still, still)

@@ -8,7 +8,7 @@ import drjit as dr
 
 from ..scene.description import PerspectiveCamera
 from ..types import Types
-from .film_plane import checked_to_world, opaque_vectors, perspective_axes
+from .film_plane import checked_to_world, opaque_vectors, perspective_axes, turned
 from .ray import Ray
 
 
@@ -35,3 +35,13 @@ class Perspective:
         # `through` has depth 1 along the optical axis, so its length turns depths into distances along the ray.
         length = dr.norm(through)
         return Ray(dr.fma(through, self._near, self._origin), through / length, tmax=self._range * length)
+
+    def sample_ray_differential(
+        self, film_position: Any, aperture_sample: Any, step: tuple[Any, Any]
+    ) -> tuple[Ray, tuple[Any, Any], tuple[Any, Any]]:
+        """:meth:`sample_ray`, and how its origin and direction (Array3f) change for ``step`` to the right and down on
+        the film: by formulas, that can be differentiated again."""
+        ray = self.sample_ray(film_position, aperture_sample)
+        through = dr.fma(self._du, film_position.x, dr.fma(self._dv, film_position.y, self._corner))
+        right, down = self._du * step[0], self._dv * step[1]
+        return ray, *((v * self._near, turned(ray.d, through, v)) for v in (right, down))

@@ -10,7 +10,7 @@ import drjit as dr
 from ..scene.description import ThinLensCamera
 from ..types import Types
 from ..warp import square_to_uniform_disk_concentric
-from .film_plane import camera_error, checked_to_world, opaque_vectors, perspective_axes
+from .film_plane import camera_error, checked_to_world, opaque_vectors, perspective_axes, turned
 from .ray import Ray
 
 
@@ -54,3 +54,15 @@ class ThinLens:
         through = dr.fma(lens, -self._power, pinhole)
         length = dr.norm(through)
         return Ray(dr.fma(through, self._near, self._origin + lens), through / length, tmax=self._range * length)
+
+    def sample_ray_differential(
+        self, film_position: Any, aperture_sample: Any, step: tuple[Any, Any]
+    ) -> tuple[Ray, tuple[Any, Any], tuple[Any, Any]]:
+        """:meth:`sample_ray`, and how its origin and direction (Array3f) change for ``step`` to the right and down on
+        the film: by formulas, that can be differentiated again."""
+        ray = self.sample_ray(film_position, aperture_sample)
+        disk = square_to_uniform_disk_concentric(aperture_sample)
+        pinhole = dr.fma(self._du, film_position.x, dr.fma(self._dv, film_position.y, self._corner))
+        through = dr.fma(dr.fma(self._lens_x, disk.x, self._lens_y * disk.y), -self._power, pinhole)
+        right, down = self._du * step[0], self._dv * step[1]
+        return ray, *((v * self._near, turned(ray.d, through, v)) for v in (right, down))
