@@ -11,6 +11,7 @@ from .compare import compare  # noqa: E402
 from .errors import EnvironmentProblem, FileError, GeometryError, RayTraceError, SceneError, SettingError  # noqa: E402
 from .load import load_dict, load_file, load_string  # noqa: E402
 from .notebook import show_images_in_notebooks as _show_images_in_notebooks  # noqa: E402
+from .parameters.scene_parameters import SceneParameters, traverse  # noqa: E402
 from .rays.ray import Ray  # noqa: E402
 from .reference.comparison import Comparison  # noqa: E402
 from .render import RenderInterrupted, render  # noqa: E402
@@ -39,6 +40,7 @@ __all__ = [
     "RenderInterrupted",
     "Scene",
     "SceneError",
+    "SceneParameters",
     "SettingError",
     "Sphere",
     "Surface",
@@ -52,6 +54,7 @@ __all__ = [
     "load_string",
     "render",
     "scenes",
+    "traverse",
 ]
 
 _show_images_in_notebooks()

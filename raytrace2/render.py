@@ -153,7 +153,7 @@ def render_job(job: Job, progress: bool | None, begin: float) -> Rendering:
 def choose_camera(scene: Scene, sensor: int, size: tuple[int, int] | None) -> Camera:
     """The description of camera ``sensor``, its film resized if ``size`` is given (a crop window scales along)."""
     check_scene(scene)
-    cameras = scene.description.cameras
+    cameras = scene.cameras
     sensor = whole_number(sensor, "sensor")
     if not 0 <= sensor < len(cameras):
         raise SettingError(f"sensor {sensor} does not exist: the scene has {len(cameras)}")

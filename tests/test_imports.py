@@ -22,7 +22,7 @@ LAYERS = (
     ("_llvm",),
     ("types",),
     ("files", "exr_header", "exr", "image_io"),
-    ("packets", "buffers", "warp"),
+    ("packets", "buffers", "warp", "live"),
     ("scene",),  # the description and its readers
     ("rays.ray",),
     ("surfaces",),
@@ -31,7 +31,9 @@ LAYERS = (
     ("textures",),
     ("materials",),
     ("lights",),
+    ("parameters.fields", "parameters.store"),
     ("scene.scene", "scene.traced", "scene.procedural"),
+    ("parameters",),
     ("reconstruction", "film"),
     ("integrators",),
     ("filtering", "render_arguments"),

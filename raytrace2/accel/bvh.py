@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import drjit as dr
@@ -119,6 +121,17 @@ class Bvh(Structure):
             "expected_primitives": expected[1],
             "sah_cost": self.config.node_cost * expected[0] + self.config.primitive_cost * expected[1],
         }
+
+    def with_margins(self, padded: bool) -> Bvh:
+        """The same hierarchy of boxes with or without the margins for rounding by which they are met: to measure what
+        margins cost, and what is missed without. ``ValueError`` for other volumes."""
+        if self.config.volume != "box":
+            raise ValueError(f"only boxes have margins that can be left out, not {self.config.volume} volumes")
+        result = copy.copy(self)
+        if self._device is not None:
+            assert isinstance(self._device.nodes, QuantisedNodes)
+            result._device = replace(self._device, nodes=replace(self._device.nodes, padded=padded))
+        return result
 
     def refit(self, moved: Geometry | Surface | Sequence[Surface]) -> Bvh:
         """A hierarchy of the same nodes over surfaces that have moved: new boxes, not a new tree.

@@ -10,6 +10,7 @@ import drjit as dr
 import numpy as np
 
 from ..errors import Problem, SceneError
+from ..live import Live, Place, Slot, Values, channels, put
 from ..scene import description
 from ..types import Types
 from .area_flat import CylinderLights, DiskLights, RectangleLights
@@ -79,6 +80,24 @@ class AreaLights:
             textures.reach(texture[texture != _NONE].tolist()) if textured else None,
             textures,
         )
+
+    def slots(self, shapes: Sequence[description.Shape], live: Live) -> list[Slot]:
+        """Those of live radiance of one colour; ``shapes`` are those given to :meth:`build`."""
+        places: dict[int, Place] = {}
+        for light, which in enumerate(self.order):
+            emitter = shapes[which].emitter
+            assert emitter is not None
+            place = live.place(emitter.radiance, "value")
+            if place is not None:
+                places[light] = place
+
+        def make(base: Any, values: Values) -> Any:
+            buffer = type(base)(base)
+            for light, place in places.items():
+                put(buffer, 4 * light, channels(values(place)))
+            return buffer
+
+        return [Slot.of(self, "emission", places.values(), make, moves=False)] if places else []
 
     def sample(self, p: Any, index: Any, u: Any, active: Any) -> LightSample:
         """A point on light ``index`` as seen from ``p``, from ``u`` (Array2f)."""

@@ -15,6 +15,7 @@ import drjit as dr
 import numpy as np
 
 from ..errors import Problem, SceneError
+from ..live import Slot
 from ..scene import description
 from ..types import Types
 from .area import AreaLights
@@ -22,6 +23,7 @@ from .constant import ConstantEnvironment
 from .directional import DirectionalLights
 from .envmap import EnvironmentMap
 from .infinite import BoundingSphere
+from .live import constant_slots, directional_slots, point_slots, spot_slots
 from .point import PointLights
 from .sample import LightSample, finite_or_zero
 from .spot import SpotLights
@@ -33,7 +35,8 @@ NO_LIGHT = 0xFFFFFFFF
 class LightTable:
     """``light_of_surface``: UInt buffer, per surface index the light that it is, or ``NO_LIGHT``; surfaces past its end
     (see :meth:`light_of`) do not emit. ``kinds``: the tables of the kinds present, each with its first light and count.
-    ``has_area``, ``has_delta``, ``has_environment`` and ``count`` are Python values: what the scene has at all."""
+    ``has_area``, ``has_delta``, ``has_environment`` and ``count`` are Python values: what the scene has at all.
+    ``slots``: where live values are held."""
 
     types: Types
     count: int
@@ -47,6 +50,8 @@ class LightTable:
     total: Any
     chance: Any
     surfaces: Any
+    sphere: BoundingSphere
+    slots: tuple[Slot, ...] = ()
 
     @staticmethod
     def build(
@@ -76,15 +81,23 @@ class LightTable:
             *(EnvironmentMap.build(x, sphere, types, textures.settings) for x in envmap),
         ]
         tables: list[tuple[Any, int]] = []
+        slots: list[Slot] = []
         if area_table:
             tables.append((area_table, len(area)))
+            slots += area_table.slots([shape for _, shape in area], textures.live)
         if point:
             tables.append((PointLights.build(point, types), len(point)))
+            slots += point_slots(tables[-1][0], point, textures.live)
         if spot:
             tables.append((SpotLights.build(spot, textures, types), len(spot)))
+            slots += spot_slots(tables[-1][0], spot, textures.live)
         if directional:
             tables.append((DirectionalLights.build(directional, sphere, types), len(directional)))
+            slots += directional_slots(tables[-1][0], directional, textures.live)
         tables.extend((x, 1) for x in environment)
+        for sky, made in zip(constant, environment, strict=False):
+            if isinstance(made, ConstantEnvironment):
+                slots += constant_slots(made, sky, textures.live)
 
         count = len(lights) + len(area)
         kinds, first = [], 0
@@ -108,7 +121,15 @@ class LightTable:
             total=dr.opaque(types.Float, float(count)),
             chance=dr.opaque(types.Float, 1.0 / max(count, 1)),
             surfaces=dr.opaque(types.UInt, len(surfaces)),
+            sphere=sphere,
+            slots=tuple(slots),
         )
+
+    def enclose(self, lo: np.ndarray, hi: np.ndarray) -> None:
+        """Takes a new box around the scene."""
+        sphere = BoundingSphere.of_box(lo, hi, self.types)
+        for name in ("center", "radius"):
+            object.__setattr__(self.sphere, name, getattr(sphere, name))
 
     def sample(self, p: Any, sample2: Any, active: Any) -> LightSample:
         """A direction from ``p`` (Array3f) towards a light, from ``sample2`` (Array2f in [0, 1)^2).

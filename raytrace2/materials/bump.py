@@ -9,6 +9,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from ..scene.color import linear_pixels
 from ..scene.description import BitmapTexture, ConstantTexture, Texture
 from ..textures.bitmap import Bitmaps
 from ..textures.uv_transform import UvTransforms
@@ -65,17 +66,6 @@ def height_map(texture: Texture) -> BitmapTexture:
     if texture.pixels.shape[2] == 1:
         return texture
     return replace(texture, pixels=linear_pixels(texture) @ np.array(_LUMINANCE, np.float32)[:, None], raw=True)
-
-
-def linear_pixels(texture: BitmapTexture) -> np.ndarray:
-    """The pixels as linear float32 numbers."""
-    pixels = texture.pixels
-    if pixels.dtype != np.uint8:
-        return pixels.astype(np.float32)
-    x = pixels.astype(np.float64) / 255
-    if not texture.raw:
-        x = np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)
-    return x.astype(np.float32)
 
 
 def tangent_slopes(dp_du: Any, dp_dv: Any) -> tuple[Any, Any]:

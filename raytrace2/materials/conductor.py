@@ -7,6 +7,7 @@ from typing import Any
 
 import drjit as dr
 
+from ..live import STILL, Live
 from ..scene.description import ConductorBsdf, ConstantTexture, Texture
 from ..textures import TextureParameter, TextureTable
 from .fresnel import fresnel_conductor
@@ -24,7 +25,7 @@ class Conductor:
     def __init__(self, bsdfs: Sequence[ConductorBsdf], textures: TextureTable) -> None:
         self._types = textures.types
         self._reflectance = TextureParameter([b.specular_reflectance for b in bsdfs], textures)
-        self._perfect = all(is_perfect(b.eta, b.k) for b in bsdfs)
+        self._perfect = all(is_perfect(b.eta, b.k, textures.live) for b in bsdfs)
         if not self._perfect:
             self._eta = TextureParameter([b.eta for b in bsdfs], textures)
             self._k = TextureParameter([b.k for b in bsdfs], textures)
@@ -42,11 +43,12 @@ class Conductor:
         return BsdfSample(wo, dr.select(active, weight, 0), pdf, t.Float(1), t.Bool(True), t.Bool(False))
 
 
-def is_perfect(eta: Texture, k: Texture) -> bool:
-    """Whether a conductor reflects all light, which Fresnel's equations need not say."""
+def is_perfect(eta: Texture, k: Texture, live: Live = STILL) -> bool:
+    """Whether a conductor reflects all light, which Fresnel's equations need not say, and always will."""
     return (
         isinstance(eta, ConstantTexture)
         and isinstance(k, ConstantTexture)
+        and not (live.has(eta, "value") or live.has(k, "value"))
         and not any(eta.value)
         and all(channel != 0 for channel in k.value)
     )

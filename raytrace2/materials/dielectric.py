@@ -7,6 +7,7 @@ from typing import Any
 
 import drjit as dr
 
+from ..live import Slot
 from ..scene.description import DielectricBsdf
 from ..textures import TextureParameter, TextureTable
 from .fresnel import fresnel_dielectric
@@ -24,9 +25,13 @@ class Dielectric:
 
     def __init__(self, bsdfs: Sequence[DielectricBsdf], textures: TextureTable) -> None:
         self._types = textures.types
-        self._eta = RelativeIndices(bsdfs, textures.types)
+        self._eta = RelativeIndices(bsdfs, textures.types, textures.live)
         self._reflectance = TextureParameter([b.specular_reflectance for b in bsdfs], textures)
         self._transmittance = TextureParameter([b.specular_transmittance for b in bsdfs], textures)
+
+    def slots(self) -> list[Slot]:
+        """Those of live indices of refraction."""
+        return self._eta.slots(moves=True)
 
     def sample(self, si: Any, wi: Any, place: Any, sample1: Any, sample2: Any, active: Any) -> BsdfSample:
         """Reflects where ``sample1`` is at most Fresnel's reflectance, and refracts elsewhere."""

@@ -10,12 +10,13 @@ import drjit as dr
 import numpy as np
 
 from ..buffers import owned
+from ..scene.color import linear_pixels
 from ..scene.description import BitmapTexture, BumpMapBsdf, NormalMapBsdf
 from ..surfaces.frame import Frame, coordinate_system
 from ..surfaces.interaction import Grain
 from ..textures import TextureTable
 from ..textures.bitmap import Bitmaps
-from .bump import Heights, linear_pixels, tangent_slopes
+from .bump import Heights, tangent_slopes
 from .relief import Relief
 from .relief_moments import ReliefMoments
 from .spread import Slopes, Spread, slope_normal

@@ -22,12 +22,13 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from ..scene.color import linear_pixels
 from ..scene.description import BitmapTexture, Texture
 from ..textures.bitmap import Bitmaps
 from ..textures.filter_settings import FilterSettings
 from ..textures.uv_transform import UvTransforms
 from ..types import Types, types_of
-from .bump import Heights, height_map, linear_pixels
+from .bump import Heights, height_map
 from .spread import Slopes
 
 #: Normals of a map that lean farther than this slope (87 degrees) count as leaning so far in its moments.

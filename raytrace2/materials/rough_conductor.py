@@ -38,10 +38,13 @@ class RoughConductor:
     def __init__(self, bsdfs: Sequence[RoughConductorBsdf], textures: TextureTable) -> None:
         self._types = textures.types
         self._reflectance = TextureParameter([b.specular_reflectance for b in bsdfs], textures)
-        self._alpha_u = TextureParameter([b.alpha_u for b in bsdfs], textures)
+        self._alpha_u = TextureParameter([b.alpha_u for b in bsdfs], textures, moves=True)
         isotropic = all(b.alpha_u is b.alpha_v for b in bsdfs)
-        self._alpha_v = self._alpha_u if isotropic else TextureParameter([b.alpha_v for b in bsdfs], textures)
-        self._perfect = all(is_perfect(b.eta, b.k) for b in bsdfs)
+        if isotropic:
+            self._alpha_v = self._alpha_u
+        else:
+            self._alpha_v = TextureParameter([b.alpha_v for b in bsdfs], textures, moves=True)
+        self._perfect = all(is_perfect(b.eta, b.k, textures.live) for b in bsdfs)
         if not self._perfect:
             self._eta = TextureParameter([b.eta for b in bsdfs], textures)
             self._k = TextureParameter([b.k for b in bsdfs], textures)

@@ -7,6 +7,7 @@ from typing import Any
 
 import drjit as dr
 
+from ..live import Slot
 from ..rays.footprint import shared
 from ..scene.description import (
     Bsdf,
@@ -99,6 +100,14 @@ class MaterialTable:
         if not bsdfs:
             raise ValueError("a material table needs at least one material")
         return MaterialTable(bsdfs, textures if textures is not None else TextureTable(types))
+
+    def slots(self) -> list[Slot]:
+        """Those of live numbers; of live textures, their table's."""
+        found: list[Slot] = []
+        for leaf in self._leaves.values():
+            if isinstance(leaf, Dielectric | ThinDielectric):
+                found += leaf.slots()
+        return found
 
     def index_of(self, bsdf: Bsdf) -> int:
         """The index of ``bsdf``, one of those given to :meth:`build` (by identity); ``ValueError`` if it is not."""

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-# Where things come from and what they are called changes no pixel; settings choose how, not what, to compute
-_NAMES = frozenset({"id", "location", "filename", "source", "hash", "settings"})
+# Where things come from and how they were written changes no pixel; settings choose how, not what, to compute
+_NAMES = frozenset({"id", "location", "filename", "source", "hash", "settings", "names", "grey", "flipped"})
 
 
 def content_hash(description: Any) -> str:

@@ -8,7 +8,7 @@ matrices that map local to world coordinates; colours are linear Rec. 709 RGB tr
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -28,7 +28,10 @@ def _identity(n: int) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class ConstantTexture:
+    """``grey``: it was written as one number, and is one parameter."""
+
     value: RGB
+    grey: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,8 +190,11 @@ Bsdf: TypeAlias = (
 
 @dataclass(frozen=True, eq=False)
 class PointLight:
+    """``grey``, here and in other lights: its colour was written as one number, and is one parameter."""
+
     position: tuple[float, float, float]
     intensity: RGB = (1.0, 1.0, 1.0)
+    grey: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,17 +206,20 @@ class SpotLight:
     cutoff_angle: float = 20.0
     beam_width: float = 15.0
     texture: Texture | None = None
+    grey: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class DirectionalLight:
     direction: tuple[float, float, float]
     irradiance: RGB = (1.0, 1.0, 1.0)
+    grey: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class ConstantLight:
     radiance: RGB = (1.0, 1.0, 1.0)
+    grey: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,7 +260,7 @@ class MeshShape(Shape):
 
     ``vertices`` (n, 3) float64, ``faces`` (m, 3) uint32, ``normals`` (n, 3) unit or None (then flat shading), ``uv``
     (n, 2) or None; ``attributes`` maps ``vertex_...``/``face_...`` names to (n or m, channels) arrays. Mitsuba's
-    ``flip_normals`` is applied: it swaps the last two vertices of each face and negates ``normals``.
+    ``flip_normals`` is applied where ``flipped``: it swaps the last two vertices of each face and negates ``normals``.
     """
 
     vertices: np.ndarray
@@ -260,6 +269,7 @@ class MeshShape(Shape):
     uv: np.ndarray | None = None
     attributes: dict[str, np.ndarray] = field(default_factory=dict)
     filename: str = ""
+    flipped: bool = False
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -409,7 +419,8 @@ class Integrator:
 @dataclass(frozen=True, eq=False)
 class SceneDescription:
     """A whole scene. ``source`` is the file it came from (or None) and ``hash`` a digest of everything that shapes the
-    image: the text of all its files with parameters filled in, and the bytes of its meshes and textures."""
+    image: the text of all its files with parameters filled in, and the bytes of its meshes and textures. ``names`` are
+    those of what stands directly in the scene, unused materials left out, in the order of the file."""
 
     shapes: tuple[Shape, ...]
     lights: tuple[Light, ...]
@@ -418,3 +429,4 @@ class SceneDescription:
     source: str | None = None
     hash: str = ""
     settings: dict[str, str] = field(default_factory=dict)
+    names: tuple[tuple[str, Any], ...] = ()

@@ -53,6 +53,7 @@ def mesh_shape(
         normals=None if normals is None else frozen(normals),
         uv=None if mesh.uv is None else frozen(mesh.uv.astype(np.float64)),
         attributes={name: frozen(values) for name, values in mesh.attributes.items()},
+        flipped=flip_normals,
         **common,
     )
 
@@ -111,6 +112,7 @@ def live_mesh_shape(mesh: Any, reading: Reading, node: Node, name: str) -> MeshS
         faces=frozen(faces),
         normals=None if normals is None else frozen(normals),
         uv=None if uv is None else frozen(uv),
+        flipped=bool(mesh.has_flipped_normals()),
     )
 
 
@@ -120,7 +122,7 @@ def _live_bsdf(mesh: Any, reading: Reading, node: Node, name: str) -> DiffuseBsd
     start, end = "SmoothDiffuse[reflectance=UniformSpectrum[value=", "]]"
     if text.startswith(start) and text.endswith(end):
         value = float(np.float32(float(text[len(start) : -len(end)].strip("[]"))))
-        return DiffuseBsdf(ConstantTexture((value, value, value)))
+        return DiffuseBsdf(ConstantTexture((value, value, value), grey=True))
     remedy = "write the mesh to a file, and the shape with its BSDF as a dict"
     reading.refuse(node, f"the live mesh '{name}' has a BSDF that cannot be read from a live object", remedy)
     return DiffuseBsdf()

@@ -61,7 +61,8 @@ def _point(properties: PropertyReader) -> Light:
         if properties.has("to_world"):
             properties.reading.refuse(properties.node, "has both 'position' and 'to_world'", "keep one of them")
         position = properties.vector("position")
-    light = PointLight(_triple(position), constant_property(properties, "intensity", "emission"))
+    color = constant_property(properties, "intensity", "emission")
+    light = PointLight(_triple(position), color.value, color.grey)
     properties.finish()
     return light
 
@@ -78,9 +79,8 @@ def _spot(properties: PropertyReader) -> Light:
         properties.reading.refuse(properties.node, "'texture' cannot be a mesh attribute: a spot light has no mesh")
     if texture is not None and cutoff >= 90.0:
         properties.reading.refuse(properties.node, "a 'texture' needs a 'cutoff_angle' below 90 degrees")
-    light = SpotLight(
-        frozen(properties.transform()), constant_property(properties, "intensity", "emission"), cutoff, beam, texture
-    )
+    color = constant_property(properties, "intensity", "emission")
+    light = SpotLight(frozen(properties.transform()), color.value, cutoff, beam, texture, color.grey)
     properties.finish()
     return light
 
@@ -95,13 +95,15 @@ def _directional(properties: PropertyReader) -> Light:
     if not 0.0 < length < np.inf:
         properties.reading.refuse(properties.node, "'direction' must have a length")
         length = 1.0
-    light = DirectionalLight(_triple(direction / length), constant_property(properties, "irradiance", "emission"))
+    color = constant_property(properties, "irradiance", "emission")
+    light = DirectionalLight(_triple(direction / length), color.value, color.grey)
     properties.finish()
     return light
 
 
 def _constant(properties: PropertyReader) -> Light:
-    light = ConstantLight(constant_property(properties, "radiance", "emission"))
+    color = constant_property(properties, "radiance", "emission")
+    light = ConstantLight(color.value, color.grey)
     properties.ignore("to_world")
     properties.finish()
     return light

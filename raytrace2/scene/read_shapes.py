@@ -59,7 +59,8 @@ def _surface(properties: PropertyReader) -> tuple[Bsdf, AreaLight | None]:
     if bsdf_node is not None:
         return read_bsdf(bsdf_node, properties.reading), emitter
     # Mitsuba's default material is black on what emits
-    return DiffuseBsdf(ConstantTexture((0.0, 0.0, 0.0))) if emitter_node else DiffuseBsdf(), emitter
+    grey = 0.0 if emitter_node else 0.5
+    return DiffuseBsdf(ConstantTexture((grey, grey, grey), grey=True)), emitter
 
 
 def _mesh_file(properties: PropertyReader, common: dict[str, Any]) -> Shape | None:

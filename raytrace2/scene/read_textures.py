@@ -7,7 +7,7 @@ from typing import Any, Literal, cast
 import numpy as np
 
 from .description import BitmapTexture, CheckerboardTexture, ConstantTexture, FbmTexture, MeshAttributeTexture, Texture
-from .nodes import Color, LiveObject, Node
+from .nodes import Color, LiveObject, Node, SpectrumSamples
 from .pixels import from_live, load_pixels, store_as_texture
 from .reading import PropertyReader, Reading
 from .spectra import Role, constant_rgb
@@ -26,21 +26,21 @@ def texture_property(properties: PropertyReader, name: str, role: Role = "reflec
         return read_texture(child, reading, role)
     value = properties.raw(name)
     if value is None:
-        return ConstantTexture(constant_rgb(properties.default(name), role))
+        return ConstantTexture(constant_rgb(properties.default(name), role), grey=True)
     try:
-        return ConstantTexture(constant_rgb(value, role))
+        return ConstantTexture(constant_rgb(value, role), role != "emission" and _is_one_number(value))
     except ValueError as error:
         reading.refuse(node, f"property '{name}': {error}")
         return _PLACEHOLDER
 
 
-def constant_property(properties: PropertyReader, name: str, role: Role) -> tuple[float, float, float]:
+def constant_property(properties: PropertyReader, name: str, role: Role) -> ConstantTexture:
     """As :func:`texture_property` for what must not vary over a surface."""
     texture = texture_property(properties, name, role)
     if not isinstance(texture, ConstantTexture):
         properties.reading.refuse(properties.node, f"'{name}' must not vary in space", "give one colour")
-        return (1.0, 1.0, 1.0)
-    return texture.value
+        return ConstantTexture((1.0, 1.0, 1.0))
+    return texture
 
 
 def read_texture(node: Node, reading: Reading, role: Role) -> Texture:
@@ -132,7 +132,7 @@ def _fbm(properties: PropertyReader, role: Role) -> Texture:
     colors = []
     for name, grey in (("color0", 0.0), ("color1", 1.0)):
         given = properties.has(name)
-        colors.append(constant_property(properties, name, role) if given else (grey, grey, grey))
+        colors.append(constant_property(properties, name, role).value if given else (grey, grey, grey))
     texture = FbmTexture(
         colors[0],
         colors[1],
@@ -177,10 +177,14 @@ def _d65(properties: PropertyReader, role: Role) -> Texture:
 def _constant(properties: PropertyReader, name: str, value: Any, role: Role) -> Texture:
     properties.finish()
     try:
-        return ConstantTexture(constant_rgb(value, role))
+        return ConstantTexture(constant_rgb(value, role), _is_one_number(value))
     except ValueError as error:
         properties.reading.refuse(properties.node, f"property '{name}': {error}")
         return _PLACEHOLDER
+
+
+def _is_one_number(value: Any) -> bool:
+    return isinstance(value, int | float) or (isinstance(value, SpectrumSamples) and not value.wavelengths)
 
 
 def _frozen(array: np.ndarray) -> np.ndarray:

@@ -63,6 +63,7 @@ def _describe(parsed: ParsedScene) -> SceneDescription:
     cameras: list[Camera] = []
     integrators: list[Integrator] = []
     for _, node in root.children:
+        counts = len(shapes), len(lights), len(cameras)
         match node.kind:
             case "shape" if node.plugin != "shapegroup":
                 _append(shapes, read_shape(node, reading))
@@ -80,7 +81,12 @@ def _describe(parsed: ParsedScene) -> SceneDescription:
                 reading.refuse(node, "scenes do not nest", "use <include>")
             case _:
                 pass  # reached through references only
-    _scene_properties(root, shapes, reading)
+        found: list[list[Any]] = [shapes, lights, cameras]
+        for items, count in zip(found, counts, strict=True):
+            for item in items[count:]:
+                reading.results[id(node)] = item
+    live = _scene_properties(root, shapes, reading)
+    names = [(node.id, reading.results[id(node)]) for _, node in root.children if id(node) in reading.results]
     _unknown_plugins(root, parsed, reading, set())
     if reading.problems:
         raise SceneError(sorted(reading.problems, key=_place))
@@ -91,6 +97,7 @@ def _describe(parsed: ParsedScene) -> SceneDescription:
         integrator=integrators[0] if integrators else Integrator(),
         source=parsed.source,
         settings=parsed.settings,
+        names=(*names, *live),
     )
     return replace(description, hash=content_hash(description))
 
@@ -100,7 +107,9 @@ def _append(found: list[Any], item: Any) -> None:
         found.append(item)
 
 
-def _scene_properties(root: Node, shapes: list[Shape], reading: Reading) -> None:
+def _scene_properties(root: Node, shapes: list[Shape], reading: Reading) -> list[tuple[str, Shape]]:
+    """Live meshes join ``shapes``, and are returned by name."""
+    first = len(shapes)
     properties = PropertyReader(root, reading)
     properties.ignore(*_MITSUBA_SCENE_OPTIONS, *(name for name, _ in root.children))
     for name, value in root.properties.items():
@@ -112,6 +121,7 @@ def _scene_properties(root: Node, shapes: list[Shape], reading: Reading) -> None
                 remedy = "only meshes may be live objects; write others as dicts"
                 reading.refuse(root, f"the live object '{name}' ({type(value.value).__name__}) cannot be read", remedy)
     properties.finish()
+    return [(shape.id, shape) for shape in shapes[first:]]
 
 
 def _unknown_plugins(node: Node, parsed: ParsedScene, reading: Reading, seen: set[int]) -> None:

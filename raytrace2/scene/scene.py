@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 from ..accel.build import build
+from ..accel.bvh import Bvh
 from ..errors import GeometryError, Problem, SceneError
+from ..live import Place
+from ..parameters.fields import Field
+from ..parameters.store import Store
 from ..surfaces.door import origin_of
 from ..surfaces.hit import Hit
 from ..surfaces.instance import Instance
@@ -15,6 +20,7 @@ from ..surfaces.mesh import TriangleMesh
 from ..surfaces.quadrics import Cylinder, Disk, Rectangle, Sphere
 from ..surfaces.structure import Structure
 from ..surfaces.surface import Surface
+from ..surfaces.transforms import checked_transform
 from ..textures.filter_settings import FilterSettings
 from ..types import types_of
 from . import description
@@ -26,6 +32,17 @@ _QUADRICS: dict[type[description.Shape], type[Surface]] = {
     description.DiskShape: Disk,
     description.CylinderShape: Cylinder,
 }
+
+
+_Key: TypeAlias = tuple[str, str, str]
+
+
+@dataclass(frozen=True, eq=False)
+class _Built:
+    """A structure over surfaces as they were at a time of the store."""
+
+    structure: Structure
+    when: int
 
 
 class Scene:
@@ -48,9 +65,12 @@ class Scene:
         #: The texture filter and the differentials that the scene asks for, used where none are named.
         self.filter = source.settings.get("filter")
         self.differentials = source.settings.get("differentials")
-        self._leaves: dict[int, Surface] = {}
-        self._structures: dict[tuple[str, str, str], Structure] = {}
-        self._traced: dict[tuple[Structure, FilterSettings | None], TracedScene] = {}
+        #: What has changed since: see :func:`raytrace2.traverse`.
+        self.store = Store()
+        self._leaves: dict[int, tuple[int, Surface]] = {}
+        self._structures: dict[_Key, _Built] = {}
+        self._groups: dict[tuple[int, _Key], _Built] = {}
+        self._traced: dict[tuple[_Key, FilterSettings | None], TracedScene] = {}
         self._check_geometry()
 
     def traced(
@@ -65,13 +85,36 @@ class Scene:
         ``filter`` takes the place of every bitmap's own if given.
         """
         key = (accel or self.accel, precision, intersection or self.intersection)
-        if key not in self._structures:
-            self._structures[key] = self._build(*key)
-        structure = self._structures[key]
-        if (structure, filter) not in self._traced:
-            shapes = {id(surface): shape for shape, surface in self._shape_surfaces()}
-            self._traced[structure, filter] = TracedScene(self.description, structure, shapes, filter)
-        return self._traced[structure, filter]
+        structure = self._structure(key)
+        known = self._traced.get((key, filter))
+        if known is None or known.live.places != self.store.entries.keys() or not known.refresh(structure):
+            source = self.store.current(self.description)
+            shapes = {id(surface): shape for shape, surface in self._shape_surfaces(source)}
+            known = TracedScene(source, structure, shapes, filter, self.store)
+            known.refresh(structure)
+            self._traced[key, filter] = known
+        return known
+
+    def assign(self, values: Sequence[tuple[str, Place, Field, Any]]) -> None:
+        """Gives places new values, each with its name and kind. ``GeometryError`` for shapes that cannot be; then
+        nothing has changed."""
+        before = dict(self.store.entries)
+        for key, place, field, value in values:
+            self.store.set(place, field, key, value)
+        try:
+            for shape in _leaf_shapes(self.description.shapes):
+                self._surface(shape, self.store.current(shape))
+            for shape in self.description.shapes:
+                if isinstance(shape, description.InstanceShape):
+                    checked_transform(self.store.current(shape).to_world, shape.id)
+        except ValueError:
+            self.store.restore(before)
+            raise
+
+    @property
+    def cameras(self) -> tuple[description.Camera, ...]:
+        """The cameras as they are now."""
+        return tuple(self.store.current(camera) for camera in self.description.cameras)
 
     def intersect(self, ray: Any, active: Any = True) -> Hit:
         """The closest hit of each active ray, in the precision of the rays."""
@@ -93,33 +136,61 @@ class Scene:
     def _for(self, ray: Any) -> TracedScene:
         return self.traced(precision=types_of(origin_of(ray)).precision)
 
-    def _build(self, accel: str, precision: str, intersection: Any) -> Structure:
-        groups: dict[int, Structure] = {}
+    def _structure(self, key: _Key) -> Structure:
+        """The structure of ``key`` over where surfaces are now: that of before with new boxes, where it can be."""
+        when = self.store.moved(self.description)
+        known = self._structures.get(key)
+        if known is None or known.when != when:
+            known = self._structures[key] = _Built(self._moved(known, self._items(key), key), when)
+        return known.structure
+
+    def _items(self, key: _Key) -> list[Surface]:
         items: list[Surface] = []
-        for shape in self.description.shapes:
-            if isinstance(shape, description.InstanceShape):
-                group = shape.group
-                if id(group) not in groups:
-                    members = [self._surface(s) for s in group.shapes]
-                    groups[id(group)] = build(members, accel, precision=precision, intersection=intersection)
-                items.append(Instance(groups[id(group)], shape.to_world, name=shape.id))
+        for original in self.description.shapes:
+            shape = self.store.current(original)
+            if isinstance(original, description.InstanceShape):
+                items.append(Instance(self._group(original.group, key), shape.to_world, name=shape.id))
             else:
-                items.append(self._surface(shape))
-        return build(items, accel, precision=precision, intersection=intersection)
+                items.append(self._surface(original, shape))
+        return items
 
-    def _surface(self, shape: description.Shape) -> Surface:
-        if id(shape) not in self._leaves:
-            self._leaves[id(shape)] = _make_surface(shape)
-        return self._leaves[id(shape)]
+    def _group(self, group: description.ShapeGroup, key: _Key) -> Structure:
+        when = self.store.moved(group)
+        known = self._groups.get((id(group), key))
+        if known is None or known.when != when:
+            members = [self._surface(s, self.store.current(s)) for s in group.shapes]
+            known = self._groups[id(group), key] = _Built(self._moved(known, members, key), when)
+        return known.structure
 
-    def _shape_surfaces(self) -> Sequence[tuple[description.Shape, Surface]]:
-        return [(shape, self._surface(shape)) for shape in _leaf_shapes(self.description.shapes)]
+    def _moved(self, known: _Built | None, items: list[Surface], key: _Key) -> Structure:
+        accel, precision, intersection = key
+        if known is None:
+            return build(items, accel, precision=precision, intersection=intersection)  # type: ignore[arg-type]
+        before = known.structure
+        after: Structure
+        if isinstance(before, Bvh):
+            after = before.refit(items)
+        else:
+            after = build(items, accel, precision=precision, intersection=intersection)  # type: ignore[arg-type]
+        after.geometry.adopt_shading(before.geometry)
+        return after
+
+    def _surface(self, original: description.Shape, shape: description.Shape) -> Surface:
+        """The surface of ``shape``, which ``original`` is now."""
+        known, when = self._leaves.get(id(original)), self.store.moved(original)
+        if known is None or known[0] != when:
+            known = self._leaves[id(original)] = when, _make_surface(shape)
+        return known[1]
+
+    def _shape_surfaces(self, source: description.SceneDescription) -> Sequence[tuple[description.Shape, Surface]]:
+        pairs = zip(_leaf_shapes(self.description.shapes), _leaf_shapes(source.shapes), strict=True)
+        return [(shape, self._surface(original, shape)) for original, shape in pairs]
 
     def _check_geometry(self) -> None:
         problems = []
         for shape in _leaf_shapes(self.description.shapes):
             try:
-                self._surface(shape)
+                self._surface(shape, shape)
             except GeometryError as error:
                 problems.append(Problem(str(error), shape.location))
         if problems:

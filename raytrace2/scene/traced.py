@@ -10,9 +10,12 @@ import drjit as dr
 import numpy as np
 
 from ..buffers import owned
+from ..errors import SettingError
 from ..lights import LightTable
+from ..live import Place, Slot
 from ..materials.relief import reliefs
 from ..materials.table import MaterialTable
+from ..parameters.store import Store
 from ..surfaces.interaction import SurfaceInteraction
 from ..surfaces.record import NONE
 from ..surfaces.structure import Structure
@@ -24,7 +27,8 @@ from . import description
 class TracedScene:
     """A structure over a scene's surfaces and the tables that shade them, in one precision.
 
-    Tables are made on first use: a depth image builds no material.
+    Tables are made on first use: a depth image builds no material. Values of ``store`` lie in the buffers of ``slots``,
+    which :meth:`refresh` writes anew.
     """
 
     def __init__(
@@ -33,8 +37,11 @@ class TracedScene:
         structure: Structure,
         shapes: Mapping[int, description.Shape],
         filter: FilterSettings | None = None,
+        store: Store | None = None,
     ) -> None:
         self.description = source
+        self.store = store or Store()
+        self.live = self.store.live()
         self.structure = structure
         self.types = structure.types
         self.filter = filter
@@ -46,6 +53,7 @@ class TracedScene:
         through = [k + 1 for k, s in enumerate(source.shapes) if isinstance(s, description.InstanceShape)]
         self._instance_numbers = owned(np.array(through, dtype=np.uint32), UInt) if through else None
         structure.prepare()
+        self._built, self._fresh = self.store.clock, 0
 
     @property
     def draws_texels(self) -> bool:
@@ -59,7 +67,7 @@ class TracedScene:
     @functools.cached_property
     def _tables(self) -> tuple[MaterialTable, LightTable]:
         meshes = {k: s for k, s in enumerate(self._shapes) if isinstance(s, description.MeshShape) and s.attributes}
-        textures = TextureTable(self.types, meshes, self.filter)
+        textures = TextureTable(self.types, meshes, self.filter, self.live)
         emitting = [(k, s) for k, s in enumerate(self._shapes) if s.emitter is not None]
         lights = LightTable.build(
             self.description.lights, emitting, textures, self.structure.geometry.bounds(), self.types
@@ -68,6 +76,71 @@ class TracedScene:
         materials = MaterialTable.build(list(unique.values()), self.types, textures)
         textures.finish()
         return materials, lights
+
+    @functools.cached_property
+    def slots(self) -> tuple[Slot, ...]:
+        """Every buffer that live values of the scene are held in, those of cameras aside."""
+        if not self.live.places:
+            return ()
+        materials, lights = self._tables
+        instances = [s for s in self.description.shapes if isinstance(s, description.InstanceShape)]
+        shading = self.structure.geometry.shading
+        found = [*shading.slots(self._shapes, instances, self.live), *lights.slots]
+        return tuple(found + materials.textures.slots() + materials.slots())
+
+    def live_values(self) -> list[Any]:
+        """What the buffers of ``slots`` shall hold now, as differentiable functions of the parameters.
+
+        ``SettingError`` for a parameter with derivatives of which something is not such a function.
+        """
+        loose = self.loose
+        for place in self.store.with_derivatives():
+            if place in loose:
+                key = self.store.entries[place].key
+                raise SettingError(
+                    f"{key}: there are no derivatives by it in this scene with these settings; dr.disable_grad it"
+                )
+        values = self.store.values(self.types)
+        return [slot.made(values) for slot in self.slots]
+
+    @functools.cached_property
+    def loose(self) -> frozenset[Place]:
+        """Live places that something follows from which no slot holds: tables are made anew when these change."""
+        held = {place for slot in self.slots for place in slot.places}
+        emitting = {
+            p
+            for shape in self._shapes
+            if shape.emitter is not None
+            for field in ("vertices", "normals", "uv", "to_world")
+            if (p := self.live.place(shape, field)) is not None
+        }
+        maps = [m.bsdf for s in self._shapes for m in reliefs(s.bsdf) if m is not None]
+        images = [m.texture if isinstance(m, description.BumpMapBsdf) else m.normalmap for m in maps]
+        in_maps = {p for m in images for f in ("pixels", "to_uv", "value") if (p := self.live.place(m, f)) is not None}
+        everywhere = {p for p in self.live.places if not isinstance(p.owner, description.Camera)}
+        return frozenset(everywhere - held | emitting | in_maps)
+
+    def refresh(self, structure: Structure) -> bool:
+        """Takes the present values; ``structure`` is that of where surfaces are now. False if that takes new tables."""
+        moved = structure is not self.structure
+        entries = self.store.entries
+        if any(entries[p].changed > self._built for p in self.loose):
+            return False
+        if moved:
+            self.structure = structure
+            structure.prepare()
+            if "_tables" in self.__dict__:
+                self.lights.enclose(*structure.geometry.bounds())
+        if self._fresh != self.store.clock:
+            values = self.store.values(self.types)
+            stale = [slot for slot in self.slots if any(entries[p].changed > self._fresh for p in slot.places)]
+            with dr.suspend_grad():
+                made = [slot.made(values) for slot in stale]
+                dr.make_opaque(made)
+            for slot, value in zip(stale, made, strict=True):
+                slot.assign(value)
+            self._fresh = self.store.clock
+        return True
 
     @property
     def materials(self) -> MaterialTable:

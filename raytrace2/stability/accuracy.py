@@ -22,11 +22,12 @@ def mesh_t(tracers: Sequence[Tracer], dtype: str, counts: Counts) -> dict[str, R
     closed = icosphere(counts.levels, dtype)
     total = counts.other
     source = batches(closed, "random", "inside", total, counts.seed)
-    judge = lambda aimed, answer: _worst_on_planes(closed, aimed, answer)  # noqa: E731
+    judge = lambda aimed, answer: worst_on_planes(closed, aimed, answer)  # noqa: E731
     return traced(load(tracers, [closed.mesh]), source, total, counts.longest, judge, max)
 
 
-def _worst_on_planes(closed: Closed, aimed: Aimed, answer: Answer) -> float:
+def worst_on_planes(closed: Closed, aimed: Aimed, answer: Answer) -> float:
+    """The worst relative error of t, as if the ray met the plane of the face that it is said to hit."""
     hit = np.isfinite(answer.t)
     a, b, c = (closed.vertices.astype(Long)[closed.faces[answer.prim[hit], k]] for k in range(3))
     o, d = aimed.o[hit].astype(Long), aimed.d[hit].astype(Long)

@@ -52,9 +52,12 @@ def exactly_meets(corners: np.ndarray, o: np.ndarray, d: np.ndarray) -> bool:
 
 def _filtered(corners: np.ndarray, o: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rays (n, 3) and triangles (n, 3, 3) that certainly meet, and those of which float64 cannot tell."""
-    a, b, c = (corners[:, k] - o for k in range(3))
-    # What subtraction rounds off is no larger than this share of the coordinates.
-    size = np.abs(corners).max(axis=(1, 2)) + np.abs(o).max(axis=1)
+    arms = corners - o[:, None]
+    a, b, c = arms.transpose(1, 0, 2)
+    # What subtraction rounds off is no larger than a share of the coordinates; often it is exact, and then nothing.
+    exact = (_rounded_off(corners, o[:, None], arms) == 0).all(axis=(1, 2))
+    size = np.abs(arms).max(axis=(1, 2))
+    size = np.where(exact, size, np.abs(corners).max(axis=(1, 2)) + np.abs(o).max(axis=1))
     signs = []
     for p, q, r in ((d, a, b), (d, b, c), (d, c, a), (a, b, c)):
         value = (p * np.cross(q, r)).sum(axis=1)
@@ -64,6 +67,12 @@ def _filtered(corners: np.ndarray, o: np.ndarray, d: np.ndarray) -> tuple[np.nda
     sure = np.abs(table.sum(axis=0)) == 4
     apart = (table.max(axis=0) == 1) & (table.min(axis=0) == -1)
     return sure, ~sure & ~apart
+
+
+def _rounded_off(x: np.ndarray, y: np.ndarray, difference: np.ndarray) -> np.ndarray:
+    """What the ``difference`` x - y lacks (Knuth 1969)."""
+    part = difference - x
+    return (x - (difference - part)) - (y + part)
 
 
 def _rational(v: np.ndarray) -> Rational:

@@ -16,6 +16,10 @@ from .tracers import Answer, Tracer
 _SAMPLE = 16
 
 
+#: Who traces every ray in float32, however long it takes.
+WHOLE = ("bvh", "Embree default", "Embree robust")
+
+
 def leaks(closed: Closed, aimed: Aimed, answer: Answer) -> int:
     """How many rays miss what they meet in exact arithmetic: the faces around the target, or the mesh from inside."""
     suspects = np.flatnonzero(~(answer.t <= aimed.reach) | ~np.isfinite(answer.t))
@@ -73,4 +77,7 @@ def _count(
 ) -> dict[str, Record]:
     source = batches(closed, target, side, total, counts.seed)
     scenes = load(tracers, [closed.mesh])
-    return traced(scenes, source, total, counts.longest, lambda aimed, answer: leaks(closed, aimed, answer))
+    whole = WHOLE if closed.dtype == "float32" else ()
+    return traced(
+        scenes, source, total, counts.longest, lambda aimed, answer: leaks(closed, aimed, answer), whole=whole
+    )

@@ -9,18 +9,25 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from .figures import FIGURES, Figure
-from .scoreboard import Found
+from .scoreboard import Found, Traded
 from .sweep import Record
+from .table import per_million
 
 _SIZE = 14
 _CELL = (92, 26)
 _GOOD, _NEAR, _FAR = (199, 233, 192), (254, 217, 118), (189, 0, 38)
 
 
-_SAFE, _FAST = (69, 117, 180), (171, 217, 233)
+#: Tests of triangles and margins of boxes.
+_BARS = {
+    "watertight, padded": (69, 117, 180),
+    "watertight, bare": (116, 173, 209),
+    "fast, padded": (253, 174, 97),
+    "fast, bare": (244, 109, 67),
+}
 
 
-def picture(found: Found, traded: dict[str, Record]) -> np.ndarray:
+def picture(found: Found, traded: Traded) -> np.ndarray:
     """(H, W, 3) uint8."""
     panels = [_scoreboard(found)] if found else []
     panels += [_trade(traded)] if traded else []
@@ -32,32 +39,35 @@ def picture(found: Found, traded: dict[str, Record]) -> np.ndarray:
     return np.asarray(sheet)
 
 
-def _trade(traded: dict[str, Record]) -> Image.Image:
-    """Bars of rays per second on a logarithmic axis, watertight and fast, and what leaks without care."""
+def _trade(traded: Traded) -> Image.Image:
+    """A bar of rays per second for every structure and way, on a logarithmic axis, beside it what goes wrong."""
     font = ImageFont.load_default(_SIZE)
-    kinds = list(dict.fromkeys(key.split()[0] for key in traded))
-    rows = [(k, p) for p in ("float32", "float64") for k in kinds]
-    left, length, row = 230, 420, 34
-    image = Image.new("RGB", (left + length + 420, 60 + row * len(rows)), "white")
+    rows = [(kind, way, record) for kind, records in traded.items() for way, record in records.items()]
+    left, length, row = 360, 380, 20
+    columns = ("at vertices", "at edges", "edges, far", "error of t")
+    image = Image.new("RGB", (left + length + 60 + 100 * len(columns), 76 + row * len(rows)), "white")
     draw = ImageDraw.Draw(image)
-    draw.text((10, 4), "What safety costs: million rays per second", "black", font)
-    for x, color, name in ((left, _SAFE, "watertight"), (left + 110, _FAST, "fast")):
-        draw.rectangle((x, 30, x + 12, 42), color)
-        draw.text((x + 18, 28), name, "black", font)
-    draw.text((left + length + 70, 28), "leaks of fast: at vertices, at edges", "black", font)
-    rates = [r["rate"] for r in traded.values()]
+    draw.text((10, 4), "What safety costs: million rays per second; what leaks of a million rays", "black", font)
+    for k, (way, color) in enumerate(_BARS.items()):
+        draw.rectangle((10 + 170 * k, 32, 22 + 170 * k, 44), color)
+        draw.text((28 + 170 * k, 29), way, "black", font)
+    aside = left + length + 60
+    for k, title in enumerate(columns):
+        draw.text((aside + 100 * k, 50), title, "black", font)
+    rates = [record["rate"] for _, _, record in rows]
     low, high = math.log10(min(rates)) - 0.3, math.log10(max(rates))
-    for j, (kind, precision) in enumerate(rows):
-        y = 54 + j * row
-        draw.text((10, y + 5), f"{kind}, {precision}", "black", font)
-        for k, (way, color) in enumerate((("watertight", _SAFE), ("fast", _FAST))):
-            rate = traded[f"{kind} {precision} {way}"]["rate"]
-            end = left + length * (math.log10(rate) - low) / (high - low)
-            draw.rectangle((left, y + 14 * k, end, y + 14 * k + 12), color)
-            draw.text((end + 6, y + 14 * k - 2), f"{rate / 1e6:.2g}", "black", font)
-        fast = traded[f"{kind} {precision} fast"]
-        said = f"{fast['vertex']:,}, {fast['edge']:,} of {fast['rays']:,}"
-        draw.text((left + length + 70, y + 5), said, "black", font)
+    for j, (kind, way, record) in enumerate(rows):
+        y = 72 + j * row
+        if j and kind != rows[j - 1][0]:
+            draw.line((10, y - 2, image.width - 12, y - 2), (200, 200, 200))
+        draw.text((10, y), f"{kind}, {way}", "black", font)
+        end = left + length * (math.log10(record["rate"]) - low) / (high - low)
+        draw.rectangle((left, y + 2, end, y + row - 4), _BARS[way.partition(", ")[2]])
+        draw.text((end + 6, y), f"{record['rate'] / 1e6:.2g}", "black", font)
+        said = [per_million(record[key], record["rays"]) for key in ("vertex", "edge", "far")]
+        for k, text in enumerate((*said, f"{record['t']:.1g}")):
+            ink = (189, 0, 38) if k < len(said) and text != "0" else (0, 0, 0)
+            draw.text((aside + 100 * k, y), text, ink, font)
     return image
 
 

@@ -10,8 +10,8 @@ from PIL import Image
 
 from ..files import write_atomically
 from .picture import picture
-from .scoreboard import Found, broken_files, run
-from .sweep import Counts, Record
+from .scoreboard import Found, Traded, broken_files, run
+from .sweep import Counts
 from .table import markdown
 
 
@@ -20,7 +20,7 @@ def measure_and_write(kinds: Sequence[str], counts: Counts, folder: Path, only: 
     folder.mkdir(parents=True, exist_ok=True)
     broken = broken_files(folder)
 
-    def write(found: Found, traded: dict[str, Record]) -> None:
+    def write(found: Found, traded: Traded) -> None:
         write_atomically(folder / "stability.md", markdown(found, traded, counts, broken).encode())
         stream = io.BytesIO()
         Image.fromarray(picture(found, traded)).save(stream, format="PNG")

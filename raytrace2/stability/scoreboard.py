@@ -16,7 +16,7 @@ from ..files import write_atomically
 from ..reference.mitsuba_scene import mitsuba_variant
 from ..reference.stability_rays import Mitsuba
 from . import trade
-from .figures import FIGURES
+from .figures import FIGURES, Figure
 from .sweep import Counts, Record
 from .tracers import Ours, Tracer
 
@@ -25,19 +25,22 @@ PRECISIONS = ("float32", "float64")
 #: By figure and precision: what was found of each who took part.
 Found = dict[tuple[str, str], dict[str, Record]]
 
+#: By structure and way.
+Traded = dict[str, dict[str, Record]]
+
 
 def run(
     kinds: Sequence[str],
     counts: Counts,
     folder: Path,
     only: Sequence[str] = (),
-    progress: Callable[[Found, dict[str, Record]], None] = lambda _, __: None,
-) -> tuple[Found, dict[str, Record]]:
+    progress: Callable[[Found, Traded], None] = lambda _, __: None,
+) -> tuple[Found, Traded]:
     """Every figure (or those whose key contains any of ``only``) in both precisions, and the trade of each kind.
 
-    Each is written to ``folder``/stability_records as soon as it is there; what is there of this code, machine and
-    ``counts`` is not measured again. ``progress`` is called after each with all that is found so far. ``SettingError``
-    if ``only`` names nothing.
+    Each is written to ``folder``/stability_records as soon as it is there; of this code, machine and ``counts`` only
+    those who are missing there are measured. ``progress`` is called after each with all that is found so far.
+    ``SettingError`` if ``only`` names nothing.
     """
     from tqdm import tqdm
 
@@ -49,7 +52,7 @@ def run(
     records = folder / "stability_records"
     records.mkdir(parents=True, exist_ok=True)
     found: Found = {}
-    traded: dict[str, Record] = {}
+    traded: Traded = {}
     steps = len(chosen) * len(PRECISIONS) + with_trade * len(kinds)
     with mitsuba_variant("llvm_ad_rgb") as mi, tqdm(total=steps, unit="row", disable=None) as bar:
         for figure in chosen:
@@ -59,16 +62,15 @@ def run(
                 theirs: list[Tracer] = []
                 if figure.others and precision == "float32":
                     theirs = [Mitsuba(mi, False), Mitsuba(mi, True)]
-                wanted = settings | {"tracers": [t.name for t in ours + theirs]}
                 file = records / f"{figure.key}.{precision}.json"
-                measure = partial(figure.measure, [*ours, *theirs], precision, counts)
-                found[figure.key, precision] = _kept(file, wanted, measure)
+                measure = partial(_measured, figure, precision, counts)
+                found[figure.key, precision] = _all_kept(file, settings, [*ours, *theirs], measure)
                 bar.update()
                 progress(found, traded)
         for kind in kinds if with_trade else ():
             bar.set_description(f"trade {kind}")
             file = records / f"trade.{kind.replace(':', '.')}.json"
-            traded |= _kept(file, settings, partial(trade.measure, [kind], counts))
+            traded[kind] = _kept(file, settings, partial(trade.measure, kind, counts))
             bar.update()
             progress(found, traded)
     return found, traded
@@ -105,14 +107,42 @@ def code_digest() -> str:
     return digest.hexdigest()[:16]
 
 
-def _kept(file: Path, settings: Record, measure: Callable[[], dict[str, Record]]) -> dict[str, Record]:
+def _measured(figure: Figure, precision: str, counts: Counts, tracers: Sequence[Tracer]) -> dict[str, Record]:
+    return figure.measure(tracers, precision, counts)
+
+
+def _all_kept(
+    file: Path,
+    settings: Record,
+    tracers: Sequence[Tracer],
+    measure: Callable[[Sequence[Tracer]], dict[str, Record]],
+) -> dict[str, Record]:
+    """The records of ``tracers``, in their order; those that the file lacks are measured, and the file keeps all."""
+    stored = _of(file, settings)
+    missing = [t for t in tracers if t.name not in stored]
+    if missing:
+        stored = _kept(file, settings, lambda: stored | measure(missing), anew=True)
+    return {t.name: stored[t.name] for t in tracers}
+
+
+def _kept(
+    file: Path, settings: Record, measure: Callable[[], dict[str, Record]], anew: bool = False
+) -> dict[str, Record]:
+    stored = {} if anew else _of(file, settings)
+    if not stored:
+        content = {"settings": settings, "found": measure()}
+        write_atomically(file, (json.dumps(content, indent=1, default=_plain) + "\n").encode())
+        stored = _of(file, settings) or content["found"]
+    return stored
+
+
+def _of(file: Path, settings: Record) -> dict[str, Record]:
+    """What the file holds of these settings; empty if nothing."""
     stored = _read(file)
     if stored is None or stored.get("settings") != settings:
-        stored = {"settings": settings, "found": measure()}
-        write_atomically(file, (json.dumps(stored, indent=1, default=_plain) + "\n").encode())
-        stored = _read(file) or stored
-    result: dict[str, Record] = stored["found"]
-    return result
+        return {}
+    found: dict[str, Record] = stored["found"]
+    return found
 
 
 def _plain(value: Any) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -51,18 +51,20 @@ def traced(
     longest: float,
     judge: Callable[[Aimed, Answer], float],
     combine: Callable[[float, float], float] = lambda a, b: a + b,
+    whole: Collection[str] = (),
 ) -> dict[str, Record]:
     """Sends batches of rays through every scene in turn; ``judge`` says what is wrong with a batch of answers.
 
-    Who would take more than ``longest`` seconds gets the first part of each batch only, so that counts stay
-    comparable: the record says how many rays there were.
+    Who would take more than ``longest`` seconds, and is not one of ``whole``, gets the first part of each batch only,
+    so that counts stay comparable: the record says how many rays there were.
     """
     records: dict[str, Record] = {}
     digests: dict[str, Any] = {}
     for batch in source:
         for name, scene in scenes.items():
             if name not in records:
-                records[name], digests[name] = _first(scene, batch, total, longest), hashlib.sha256()
+                limit = math.inf if name in whole else longest
+                records[name], digests[name] = _first(scene, batch, total, limit), hashlib.sha256()
             record = records[name]
             part = batch.first(max(math.ceil(len(batch) * record["share"]), min(FEW, len(batch))))
             answer = scene.closest(part.o, part.d)

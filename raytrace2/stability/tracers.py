@@ -11,7 +11,9 @@ import drjit as dr
 import numpy as np
 
 from ..accel.build import build
+from ..accel.bvh import Bvh
 from ..rays.ray import Ray
+from ..surfaces.primitives import Intersection
 from ..surfaces.structure import Structure
 from ..surfaces.surface import Surface
 
@@ -95,11 +97,12 @@ class Tracer(Protocol):
 
 @dataclass(frozen=True)
 class Ours:
-    """One of our structures."""
+    """One of our structures; ``padded``: whether a bvh widens its boxes, if not as its test of triangles has it."""
 
     kind: str
     precision: str
-    intersection: str = "watertight"
+    intersection: Intersection = "watertight"
+    padded: bool | None = None
 
     @property
     def name(self) -> str:
@@ -109,8 +112,10 @@ class Ours:
     def load(self, surfaces: Sequence[Surface]) -> Loaded:
         """A structure over ``surfaces``."""
         begin = time.perf_counter()
-        options: dict[str, Any] = {} if self.intersection == "watertight" else {"intersection": self.intersection}
-        structure = build(list(surfaces), self.kind, precision=self.precision, **options)
+        structure = build(list(surfaces), self.kind, precision=self.precision, intersection=self.intersection)
+        if self.padded is not None:
+            assert isinstance(structure, Bvh)
+            structure = structure.with_margins(self.padded)
         structure.prepare()
         dr.sync_thread()
         return _OurScene(structure, self.precision, time.perf_counter() - begin)

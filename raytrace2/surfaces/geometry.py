@@ -139,6 +139,11 @@ class Geometry:
             raise RuntimeError("call prepare() on the structure before its first interact() inside a symbolic loop")
         return Shading(self.surfaces, self.instances, self.types)
 
+    def adopt_shading(self, before: Geometry) -> None:
+        """Takes the buffers of ``before``, the same surfaces elsewhere, which hold live values in their places."""
+        if "shading" in before.__dict__:
+            self.__dict__["shading"] = before.shading
+
     def interact(self, ray: Any, hit: Hit) -> SurfaceInteraction:
         """The local geometry where ``ray`` met a surface at ``hit``."""
         return self.shading.interact(ray, hit)

@@ -9,6 +9,7 @@ import drjit as dr
 import numpy as np
 
 from ..buffers import owned
+from ..live import Live, Slot
 from ..types import Types, types_of
 from . import local_geometry, record
 from .frame import Frame, coordinate_system
@@ -19,6 +20,7 @@ from .local_geometry import LocalGeometry, RayPoint
 from .magnitude import powers_of_two, unit
 from .mesh import TriangleMesh
 from .quadrics import Quadric
+from .shading_slots import shading_slots
 from .surface import Surface
 
 HAS_NORMALS, HAS_UV = 1, 2
@@ -29,6 +31,8 @@ class Shading:
 
     def __init__(self, surfaces: Sequence[Surface], instances: Sequence[Instance], types: Types) -> None:
         self.types = types
+        #: Of each surface, if it is a mesh, where its vertices begin.
+        self.first_vertex: list[int] = []
         meshes = [s for s in surfaces if isinstance(s, TriangleMesh)]
         self.quadric_kinds = tuple(sorted({s.KIND for s in surfaces if isinstance(s, Quadric)}))
         self.has_meshes = bool(meshes)
@@ -53,6 +57,7 @@ class Shading:
         face_count = vertex_count = 0
         for surface in surfaces:
             first_face.append(face_count)
+            self.first_vertex.append(vertex_count)
             if not isinstance(surface, TriangleMesh):
                 continue
             n = len(surface.vertices)
@@ -86,6 +91,10 @@ class Shading:
                 rows[k, 13] = surface.KIND
                 rows[k, 16:28] = _rows(np.linalg.inv(surface.to_world))
         self.quadric_rows = owned(rows, self.types.Float)
+
+    def slots(self, shapes: Sequence[Any], instances: Sequence[Any], live: Live) -> list[Slot]:
+        """Those of live geometry; ``shapes`` and ``instances`` are the descriptions of the surfaces and instances."""
+        return shading_slots(self, shapes, instances, live)
 
     def interact(self, ray: Any, hit: Hit) -> SurfaceInteraction:
         """The interaction of each ray with what it met; lanes that missed hold zeros and t = inf."""

@@ -10,6 +10,7 @@ import drjit as dr
 import numpy as np
 
 from ..buffers import owned
+from ..live import STILL, Live, Slot, Values
 from ..rays.footprint import Footprint
 from ..scene.description import BitmapTexture
 from ..types import Types
@@ -17,6 +18,7 @@ from .block_means import BlockMeans
 from .filter_settings import FilterSettings
 from .filters import FILTERS
 from .pyramid import Pyramid
+from .replayed import finite
 from .texels import Texels
 from .uv_transform import UvTransforms
 from .wrap import CLAMP, MODES, wrap
@@ -51,14 +53,21 @@ class Bitmaps:
     take the place of every image's own filter.
     """
 
-    def __init__(self, bitmaps: Sequence[BitmapTexture], types: Types, settings: FilterSettings | None = None) -> None:
+    def __init__(
+        self,
+        bitmaps: Sequence[BitmapTexture],
+        types: Types,
+        settings: FilterSettings | None = None,
+        live: Live = STILL,
+    ) -> None:
         images = [b.pixels for b in bitmaps]
         srgb = [image.dtype == np.uint8 and not b.raw for b, image in zip(bitmaps, images, strict=True)]
         modes = [MODES[b.wrap_mode] for b in bitmaps]
         filters = [_POINT[b.filter_type] if settings is None else 0 for b in bitmaps]
         self.texels = Texels(images, srgb, types)
         self.channels = self.texels.channels
-        self._to_uv = UvTransforms([b.to_uv for b in bitmaps], types)
+        self._to_uv = UvTransforms([b.to_uv for b in bitmaps], types, [live.place(b, "to_uv") for b in bitmaps])
+        self._live = {k: p for k, b in enumerate(bitmaps) if (p := live.place(b, "pixels")) is not None}
         self._types = types
         self._settings = settings
         self._modes = frozenset(modes)
@@ -84,11 +93,21 @@ class Bitmaps:
 
     def eval(self, place: Any, uv: Any, footprint: Any, active: Any) -> Any:
         """The filtered texture at ``uv`` of the surface, over the ``footprint`` there (None if there is none): Array3f,
-        or Float where there is one channel."""
-        if footprint is not None and self._settings is not None and self._settings.needs_footprint:
-            what = (id(self), place, self._types.Bool(active))
-            return footprint.once(what, lambda: self._look_up(place, uv, footprint, active))
-        return self._look_up(place, uv, None, active)
+        or Float where there is one channel.
+
+        Derivatives by ``uv`` and by the footprint that would be infinite or NaN are 0.
+        """
+        if footprint is None or self._settings is None or not self._settings.needs_footprint:
+            return self._derived(place, uv, None, active)
+        what = (id(self), place, self._types.Bool(active), dr.grad_enabled(uv, footprint))
+        return footprint.once(what, lambda: self._derived(place, uv, footprint, active))
+
+    def _derived(self, place: Any, uv: Any, footprint: Footprint | None, active: Any) -> Any:
+        if dr.grad_enabled(uv):
+            uv = finite(uv)
+        if footprint is not None and dr.grad_enabled(footprint):
+            footprint = footprint.mapped(finite)
+        return finite(self._look_up(place, uv, footprint, active))
 
     def _look_up(self, place: Any, uv: Any, footprint: Footprint | None, active: Any) -> Any:
         image = self.image(place, active)
@@ -118,6 +137,36 @@ class Bitmaps:
             return type(v)(v.x * image.width, v.y * image.height)
 
         return footprint.mapped(texels)
+
+    def slots(self, *, moves: bool) -> list[Slot]:
+        """Those of live maps of uv and of live pixels (TensorXf of the shape of the image), with all that is made of
+        them. 8-bit pixels are not live."""
+        found = self._to_uv.slots(moves=moves)
+        if not self._live or self.texels.is_bytes:
+            return found
+
+        def images(values: Values) -> dict[int, Any]:
+            return {k: self._types.Float(values(place).array) for k, place in self._live.items()}
+
+        def texels(base: Any, values: Values) -> Any:
+            given = images(values)
+            return self.texels.with_images(base, given, self.pyramid.appended(given) if self.pyramid else {})
+
+        found.append(Slot.of(self.texels, "_buffer", self._live.values(), texels, moves=moves))
+        if self.blocks is not None:
+            blocks = self.blocks
+
+            def made(base: Any, values: Values) -> Any:
+                return blocks.with_images(base, images(values))
+
+            found.append(Slot.of(blocks, "data", self._live.values(), made, moves=moves))
+        return found
+
+    @property
+    def buffers(self) -> tuple[Any, ...]:
+        """What of all that look-ups read can carry derivatives by texels."""
+        texels = self.texels._buffer
+        return (texels,) if self.blocks is None else (texels, self.blocks.data[0])
 
     def image(self, place: Any, active: Any) -> Image:
         """The image at ``place``."""

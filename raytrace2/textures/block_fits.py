@@ -121,7 +121,9 @@ def _summed(fetch: Any, reference: Any, u: Side, v: Side, distances: bool, types
         start = end
     if len(bands) == 1:
         return bands[0]
-    return [[dr.concat([band[c][k] for band in bands]) for k in range(4 + distances)] for c in range(channels)]
+    total = [[dr.concat([band[c][k] for band in bands]) for k in range(4 + distances)] for c in range(channels)]
+    dr.eval(total)
+    return total
 
 
 def _lines(

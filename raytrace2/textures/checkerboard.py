@@ -10,6 +10,7 @@ import drjit as dr
 import numpy as np
 
 from ..buffers import owned
+from ..live import Place, Slot
 from ..rays.footprint import Footprint
 from ..scene.description import ReconstructionFilter
 from ..types import Types
@@ -30,12 +31,22 @@ def checker_scale(pixel: ReconstructionFilter) -> float:
 class Checkerboards:
     """Which of two textures shows at a uv, by place. ``handles``: (n, 2), those of the even and the odd fields."""
 
-    def __init__(self, handles: np.ndarray, to_uv: Sequence[np.ndarray], types: Types) -> None:
+    def __init__(
+        self,
+        handles: np.ndarray,
+        to_uv: Sequence[np.ndarray],
+        types: Types,
+        live: Sequence[Place | None] | None = None,
+    ) -> None:
         handles = np.ascontiguousarray(handles, dtype=np.uint32)
         self._types = types
-        self._to_uv = UvTransforms(to_uv, types)
+        self._to_uv = UvTransforms(to_uv, types, live)
         self._single = [owned(handles[0, i], types.UInt) for i in range(2)] if len(handles) == 1 else None
         self._handles = None if self._single else owned(handles, types.UInt)
+
+    def slots(self, *, moves: bool) -> list[Slot]:
+        """Those of live maps of uv."""
+        return self._to_uv.slots(moves=moves)
 
     def choose(self, place: Any, uv: Any, swapped: bool, active: Any) -> Any:
         """The handle (UInt) of the texture that shows at ``uv``; ``swapped`` exchanges the two."""

@@ -17,6 +17,7 @@ import drjit as dr
 import numpy as np
 
 from ..buffers import owned
+from ..live import STILL, Live, Slot
 from ..rays.random import mix
 from ..scene.description import FbmTexture
 from ..types import Types
@@ -35,19 +36,29 @@ class Fbms:
     ``ValueError`` for a number of octaves not in 1 to 32, a persistence not in (0, 1], a lacunarity not in [1, 16].
     """
 
-    def __init__(self, textures: Sequence[FbmTexture], types: Types, settings: FilterSettings | None = None) -> None:
+    def __init__(
+        self,
+        textures: Sequence[FbmTexture],
+        types: Types,
+        settings: FilterSettings | None = None,
+        live: Live = STILL,
+    ) -> None:
         for x in textures:
             if not (1 <= x.octaves <= 32 and 0 < x.persistence <= 1 and 1 <= x.lacunarity <= 16):
                 raise ValueError("a noise has 1 to 32 octaves, a persistence in (0, 1] and a lacunarity in [1, 16]")
         self._types = types
         self._filters = settings is not None and settings.needs_footprint
-        self._to_uv = UvTransforms([x.to_uv for x in textures], types)
+        self._to_uv = UvTransforms([x.to_uv for x in textures], types, [live.place(x, "to_uv") for x in textures])
         self._octaves = max(x.octaves for x in textures)
         rows = [[*x.color0, x.octaves, *x.color1, x.persistence, x.lacunarity, _total(x), 0, 0] for x in textures]
         self._records = owned(np.array(rows, dtype=types.numpy), types.Float)
         self._seeds = owned(np.array([x.seed & 0xFFFFFFFF for x in textures], dtype=np.uint32), types.UInt)
         angle = (np.arange(_DIRECTIONS) + 0.5) * (2 * math.pi / _DIRECTIONS)
         self._gradients = owned(np.stack([np.cos(angle), np.sin(angle)], axis=1).astype(types.numpy), types.Float)
+
+    def slots(self, *, moves: bool) -> list[Slot]:
+        """Those of live maps of uv."""
+        return self._to_uv.slots(moves=moves)
 
     def eval(self, place: Any, uv: Any, footprint: Any, active: Any) -> Any:
         """The colour (Array3f) at ``uv`` of the surface, over the ``footprint`` there (None: a point)."""

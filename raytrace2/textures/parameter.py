@@ -20,12 +20,13 @@ class TextureParameter:
     """``textures[i]`` is the value for thing ``i``, or None where thing ``i`` has the value one without any look-up.
 
     Its kernels hold the kinds of texture that occur among ``textures``. ``always_one`` is a Python flag: the value is
-    one everywhere.
+    one everywhere. ``moves``: where rays go depends on the values.
     """
 
-    def __init__(self, textures: Sequence[Texture | None], table: TextureTable) -> None:
+    def __init__(self, textures: Sequence[Texture | None], table: TextureTable, *, moves: bool = False) -> None:
         self._table = table
-        indices = [_ABSENT if t is None or _is_one(t) else table.add(t) for t in textures]
+        needed = [None if t is None or (_is_one(t) and not table.live.has(t, "value")) else t for t in textures]
+        indices = [_ABSENT if t is None else table.add(t, moves=moves) for t in needed]
         present = [i for i in indices if i != _ABSENT]
         self._reach = table.reach(present)
         self.always_one = not present

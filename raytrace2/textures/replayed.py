@@ -32,11 +32,10 @@ def summed(
     """
     if not dr.grad_enabled(inputs, buffers):
         return dr.while_loop((*state, *sums), more, turn, label=label)
-    final: list[Any] = []
     wanted = [dr.grad_enabled(x) for x in inputs]
     loop = _Loop(dr.detach(state), dr.detach(sums), more, turn, terms, wanted, label)
-    made = dr.custom(_Replayed, loop, tuple(inputs), tuple(b for b in buffers if dr.grad_enabled(b)), final)
-    return *final, *made
+    made = dr.custom(_Replayed, loop, tuple(inputs), tuple(b for b in buffers if dr.grad_enabled(b)))
+    return *loop.final, *made
 
 
 class _Loop:
@@ -45,14 +44,17 @@ class _Loop:
     def __init__(self, state: Any, sums: Any, more: Any, turn: Any, terms: Any, wanted: Any, label: Any) -> None:
         self.state, self.sums, self.more, self.turn, self.terms = state, sums, more, turn, terms
         self.wanted, self.label = wanted, label
+        self.final: tuple[Any, ...] = ()
 
 
 class _Replayed(dr.CustomOp):
-    def eval(self, loop: _Loop, inputs: tuple[Any, ...], buffers: Any, final: list[Any]) -> tuple[Any, ...]:
+    def eval(self, loop: _Loop, inputs: tuple[Any, ...], buffers: Any) -> tuple[Any, ...]:
         self.loop, self.inputs = loop, inputs
         self.add_input(buffers)
-        result = dr.while_loop((*loop.state, *loop.sums), loop.more, loop.turn, label=loop.label)
-        final.extend(result[: len(loop.state)])
+        # What the loop's functions know of themselves may carry derivatives, of which the loop shall make none.
+        with dr.suspend_grad():
+            result = dr.while_loop((*loop.state, *loop.sums), loop.more, loop.turn, label=loop.label)
+        loop.final = result[: len(loop.state)]
         return tuple(result[len(loop.state) :])
 
     def forward(self) -> None:
@@ -64,7 +66,8 @@ class _Replayed(dr.CustomOp):
                 if dr.grad_enabled(x):
                     dr.set_grad(x, tangent)
             made = terms()
-            dr.forward_to(made)
+            # One term may be part of another, and buffers keep their tangents for the next turn.
+            dr.forward_to(made, flags=dr.ADFlag.ClearEdges | dr.ADFlag.AllowNoGrad)
             return tuple(dr.grad(m) for m in made)
 
         self.set_grad_out(self._replay(zero, derive))

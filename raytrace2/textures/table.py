@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 import drjit as dr
 import numpy as np
 
+from ..live import STILL, Live, Slot
 from ..scene.description import (
     BitmapTexture,
     CheckerboardTexture,
@@ -39,14 +40,20 @@ class TextureTable:
 
     Kernels hold the kinds that occur and nothing of the rest, and fewer still where a look-up says what it can meet
     (``reach``). ``attributes`` maps surface indices to the meshes whose attributes textures read; ``settings`` take
-    the place of every bitmap's own filter.
+    the place of every bitmap's own filter; textures that are ``live`` stay apart from equal ones.
     """
 
     def __init__(
-        self, types: Types, attributes: Mapping[int, MeshShape] | None = None, settings: FilterSettings | None = None
+        self,
+        types: Types,
+        attributes: Mapping[int, MeshShape] | None = None,
+        settings: FilterSettings | None = None,
+        live: Live = STILL,
     ) -> None:
         self.types = types
         self.settings = settings
+        self.live = live
+        self._moving: set[int] = set()
         self._meshes = dict(attributes or {})
         self._members: dict[int, list[Any]] = {}
         self._children: list[tuple[int, int]] = []
@@ -67,13 +74,17 @@ class TextureTable:
         table.finish()
         return table
 
-    def add(self, texture: Texture) -> int:
-        """The index of ``texture``, which joins the table unless it (or a constant equal to it) is there."""
-        key = texture.value if isinstance(texture, ConstantTexture) else id(texture)
+    def add(self, texture: Texture, *, moves: bool = False) -> int:
+        """The index of ``texture``, which joins the table unless it (or a constant equal to it) is there.
+
+        ``moves``: where rays go depends on it.
+        """
+        constant = isinstance(texture, ConstantTexture) and not self.live.has(texture, "value")
+        key = texture.value if constant else id(texture)  # type: ignore[union-attr]
         if key not in self._known:
             kind = _kind(texture)
             if isinstance(texture, CheckerboardTexture):
-                children = self.add(texture.color0), self.add(texture.color1)
+                children = self.add(texture.color0, moves=moves), self.add(texture.color1, moves=moves)
                 self._children.append(children)
             members = self._members.setdefault(kind, [])
             self._known[key] = handles.make(kind, len(members))
@@ -81,6 +92,8 @@ class TextureTable:
             self._keep.append(texture)
             self._tables.pop(kind, None)
             self._stale = True
+        if moves:
+            self._moving.add(self._known[key])
         return self._known[key]
 
     def finish(self) -> None:
@@ -90,6 +103,17 @@ class TextureTable:
                 self._tables[kind] = self._make(kind, members)
         self._all = self.reach(self._known.values())
         self._stale = False
+
+    def slots(self) -> list[Slot]:
+        """Those of live textures."""
+        found: list[Slot] = []
+        for kind, table in self._tables.items():
+            moving = frozenset(handles.place_of(h) for h in self._moving if handles.kind_of(h) == kind)
+            if kind == _CONSTANT:
+                found += table.slots(moving)
+            elif kind not in (_VERTEX_ATTRIBUTE, _FACE_ATTRIBUTE):
+                found += table.slots(moves=bool(moving))
+        return found
 
     def reach(self, indices: Iterable[int]) -> Reach:
         """What look-ups of ``indices`` can meet; with it a kernel leaves out the other kinds."""
@@ -184,14 +208,15 @@ class TextureTable:
 
     def _make(self, kind: int, members: list[Any]) -> Any:
         if kind == _CONSTANT:
-            return Constants([m.value for m in members], self.types)
+            return Constants(members, self.types, self.live)
         if kind == _CHECKERBOARD:
-            return Checkerboards(np.array(self._children), [m.to_uv for m in members], self.types)
+            to_uv, places = [m.to_uv for m in members], [self.live.place(m, "to_uv") for m in members]
+            return Checkerboards(np.array(self._children), to_uv, self.types, places)
         if kind == _FBM:
-            return Fbms(members, self.types, self.settings)
+            return Fbms(members, self.types, self.settings, self.live)
         if kind in (_VERTEX_ATTRIBUTE, _FACE_ATTRIBUTE):
             return MeshAttributes(members, 3 if kind == _VERTEX_ATTRIBUTE else 1, self._meshes, self.types)
-        return Bitmaps(members, self.types, self.settings)
+        return Bitmaps(members, self.types, self.settings, self.live)
 
 
 def _kind(texture: Texture) -> int:

@@ -9,21 +9,25 @@ import drjit as dr
 import numpy as np
 
 from ..buffers import owned
+from ..live import Place, Slot, Values, put
 from ..types import Types
 
 
 class UvTransforms:
     """``to_uv`` matrices (3x3, or 4x4 as Mitsuba takes them; the upper 2x2 and the last column count), by place.
 
-    Identities cost nothing, equal maps are kept once and cost no gather. ``ValueError`` for other shapes and for
-    entries that are not finite.
+    Identities cost nothing, equal maps are kept once and cost no gather, unless some are ``live`` (by place).
+    ``ValueError`` for other shapes and for entries that are not finite.
     """
 
-    def __init__(self, matrices: Sequence[np.ndarray], types: Types) -> None:
+    def __init__(
+        self, matrices: Sequence[np.ndarray], types: Types, live: Sequence[Place | None] | None = None
+    ) -> None:
         rows = np.array([_affine(m) for m in matrices], dtype=types.numpy)
         self._types = types
-        self.identity = bool((rows == np.eye(2, 3)).all())
-        self.uniform = bool((rows == rows[:1]).all())
+        self._live = {k: place for k, place in enumerate(live or ()) if place is not None}
+        self.identity = not self._live and bool((rows == np.eye(2, 3)).all())
+        self.uniform = not self._live and bool((rows == rows[:1]).all())
         self._rows: Any = None
         if self.identity:
             return
@@ -45,6 +49,19 @@ class UvTransforms:
             return lambda v: v
         a, b, _, d, e, _ = self._entries(place, active)
         return lambda v: type(v)(dr.fma(a, v.x, b * v.y), dr.fma(d, v.x, e * v.y))
+
+    def slots(self, *, moves: bool) -> list[Slot]:
+        """Those of live maps, whose values are 3x3 matrices; ``moves``: whether rays depend on what is looked up."""
+
+        def make(base: Any, values: Values) -> Any:
+            buffer = type(base)(base)
+            for k, place in self._live.items():
+                matrix = values(place)
+                for row in range(2):
+                    put(buffer, 8 * k + 4 * row, [matrix[row, column] for column in range(3)])
+            return buffer
+
+        return [Slot.of(self, "_rows", self._live.values(), make, moves=moves)] if self._live else []
 
     def _entries(self, place: Any, active: Any) -> Any:
         if self.uniform:

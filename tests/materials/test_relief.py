@@ -11,11 +11,12 @@ from render_cases import ball, both, corner, diffuse, lamp, mitsuba, ours, rgb, 
 
 import raytrace2 as rt
 from raytrace2.materials import MaterialTable
-from raytrace2.materials.bump import Heights, linear_pixels
+from raytrace2.materials.bump import Heights
 from raytrace2.materials.relief_moments import _tiled, gradients, moments, slopes
 from raytrace2.materials.spread import Spread
 from raytrace2.rays.camera import make_camera
 from raytrace2.rays.differentials import make_differentials
+from raytrace2.scene.color import linear_pixels
 from raytrace2.scene.description import BitmapTexture, BumpMapBsdf, DiffuseBsdf, MaskBsdf, NormalMapBsdf
 from raytrace2.types import types
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
 
 from ...types import types_of
 from ..filter_settings import FilterSettings
+from ..replayed import summed
 from .axes import anisotropy, principal_axes, shape, variance
 from .point import bilinear
 
@@ -67,16 +68,17 @@ def ewa(bitmaps: Any, image: Any, uv: Any, footprint: Any, settings: FilterSetti
     major, ellipse = ellipse_of(bitmaps, image, uv, footprint, settings, active)
     wide = active & (major > 1)
     first = bitmaps.texel(ellipse.image, *texel_at(bitmaps, ellipse, 0, 0), wide)
+    constant = dr.detach(first)
 
     def visit(i: Any, j: Any, weight: Any, state: tuple[Any, Any]) -> tuple[Any, Any]:
         total, weights = state
         value = bitmaps.texel(ellipse.image, *texel_at(bitmaps, ellipse, i, j), weight > 0)
         # Differences to one of them: equal texels give that texel, whatever the weights round to.
-        return dr.fma(weight, value - first, total), weights + weight
+        return dr.fma(weight, value - constant, total), weights + weight
 
     zero = dr.zeros(type(major), dr.width(major, uv))
-    total, weights = each_texel(ellipse, wide, (dr.zeros(type(first), dr.width(zero)), zero), visit)
-    value = first + total / dr.select(weights > 0, weights, 1)
+    total, weights = each_texel(ellipse, wide, (dr.zeros(type(first), dr.width(zero)), zero), visit, bitmaps.buffers)
+    value = constant + total / dr.select(weights > 0, weights, 1)
     near = active & ~(major >= _MIXED)
     point = bilinear(bitmaps, image, uv, active=near)
     mixed = dr.fma(mixture(major), value - point, point)
@@ -143,15 +145,33 @@ def texel_at(bitmaps: Any, ellipse: Ellipse, i: Any, j: Any) -> tuple[Any, Any]:
     return column, row
 
 
-def each_texel(ellipse: Ellipse, active: Any, state: tuple[Any, ...], visit: Callable[..., tuple[Any, ...]]) -> Any:
+def each_texel(
+    ellipse: Ellipse,
+    active: Any,
+    state: tuple[Any, ...],
+    visit: Callable[..., tuple[Any, ...]],
+    buffers: Sequence[Any] = (),
+) -> Any:
     """``visit(i, j, weight, state)`` for every texel of the ellipse, row by row, one an iteration; rows that hold none
-    take an iteration too (with the weight 0)."""
+    take an iteration too (with the weight 0).
+
+    Where ``visit`` adds to ``state`` what it reads of ``buffers``, and no more, the result has derivatives.
+    """
+    shape = ellipse.x, ellipse.y, ellipse.slant, ellipse.deviation_x, ellipse.deviation_y
     reach = ellipse.reach * ellipse.deviation_y
     top, bottom = dr.ceil(ellipse.y - reach), dr.floor(ellipse.y + reach)
     inverse = 1 / ellipse.deviation_x
 
     def more(i: Any, j: Any, *_: Any) -> Any:
         return active & (j <= bottom)
+
+    def terms(inputs: Sequence[Any], i: Any, j: Any, end: Any, *_: Any) -> tuple[Any, ...]:
+        x, y, slant, deviation_x, deviation_y = inputs
+        local = replace(ellipse, x=x, y=y, slant=slant, deviation_x=deviation_x, deviation_y=deviation_y)
+        *_, middle, along = local.line(j)
+        distance2 = dr.square((i - middle) / deviation_x) + along
+        weight = dr.select(i <= end, dr.exp2(-0.5 / math.log(2) * distance2), 0)
+        return visit(i, j, weight, tuple(dr.zeros(type(s)) for s in state))
 
     def step(i: Any, j: Any, end: Any, middle: Any, along: Any, *state: Any) -> tuple[Any, ...]:
         distance2 = dr.square((i - middle) * inverse) + along
@@ -164,4 +184,4 @@ def each_texel(ellipse: Ellipse, active: Any, state: tuple[Any, ...], visit: Cal
         return i, dr.select(done, j + 1, j), *rest, *state
 
     start, *rest = ellipse.line(top)
-    return dr.while_loop((start, top, *rest, *state), more, step)[5:]
+    return summed((start, top, *rest), state, more, step, terms, shape, buffers, "texels of an ellipse")[5:]

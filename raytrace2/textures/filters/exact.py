@@ -9,6 +9,7 @@ texture, so that only blocks which the rim cuts are approximate.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import drjit as dr
@@ -56,9 +57,8 @@ def exact_with_reads(
     """As :func:`exact`, and how many numbers a channel it read (UInt)."""
     kernel = make_kernel(settings.pixel)
     look_up = LookUp(bitmaps, image, uv, footprint, settings, kernel, active)
-    region = look_up.region
     total, weight, blocks = integrate(
-        bitmaps, look_up.grid, lambda k: region, None, kernel.moments(look_up.footprint), look_up.walks, look_up.most
+        bitmaps, look_up.grid, look_up.edges, look_up.shape, None, look_up.walks, look_up.most
     )
     return look_up.value(total, weight), look_up.reads(blocks)
 
@@ -83,9 +83,9 @@ def exact_with_error(
     bitmaps.blocks.build_deviations()
     kernel = make_kernel(settings.pixel)
     look_up = LookUp(bitmaps, image, uv, footprint, settings, kernel, active)
-    region, moments = look_up.region, kernel.moments(look_up.footprint, squares=True)
+    shape = partial(look_up.shape, squares=True)
     total, weight, _, missed = integrate(
-        bitmaps, look_up.grid, lambda k: region, None, moments, look_up.walks, look_up.most, bounds=True
+        bitmaps, look_up.grid, look_up.edges, shape, None, look_up.walks, look_up.most, bounds=True
     )
     return look_up.value(total, weight), look_up.error(missed, weight)
 
@@ -93,7 +93,7 @@ def exact_with_error(
 class LookUp:
     """What comes before and after the sum over blocks: which level, where on it, and what is no case for a sum.
 
-    ``grid`` and on it the ``footprint`` and the ``region`` outside of which its kernel is 0;
+    ``grid`` and on it the ``footprint``, whose centre and edges are the ``edges``; ``narrow`` is its least width;
     ``walks`` (Bool): there is something to sum. ``second`` (Array2f, texels) widens what is reckoned to be seen.
     """
 
@@ -120,6 +120,8 @@ class LookUp:
         centre = dr.select(finite, centre, 0)
         self._point = finite & (extent.x + extent.y < _POINT)
         top, reference, self._mean = bitmaps.blocks.ends(image, active)
+        # It adds as much as blocks leave out, so it counts as constant.
+        reference = dr.detach(reference)
         if bitmaps.wraps(CLAMP):
             clamped = bitmaps.is_clamped(image)
             centre, dx, dy = _cut(centre, dx, dy, 2 * kernel.radius, size, clamped)
@@ -146,8 +148,14 @@ class LookUp:
         self.scale, self.narrow = found.size, narrow
         a, b = widened(dx / found.size, dy / found.size, narrow)
         self.footprint = Parallelogram(at, a, b)
-        self.region = kernel.support(at, a * kernel.radius, b * kernel.radius)
+        self.edges = at, a, b
+        self._kernel = kernel
         self._known = bitmaps, image, uv, active
+
+    def shape(self, at: Any, a: Any, b: Any, squares: bool = False) -> tuple[Any, Any]:
+        """What :func:`~raytrace2.textures.filters.exact_walk.integrate` takes for an affine footprint's edges."""
+        region = self._kernel.support(at, a * self._kernel.radius, b * self._kernel.radius)
+        return lambda k: region, self._kernel.moments(Parallelogram(at, a, b), squares=squares)
 
     def value(self, total: Any, weight: Any) -> Any:
         """The look-up's result from the sums."""

@@ -59,22 +59,24 @@ def exact2_with_reads(
     region = look_up.footprint
     # Once more, because footprints far beyond a clamped image were cut.
     second = _tamed(region.a, region.b, [v / look_up.scale for v in second], kernel.radius)
-    if kernel.sampled:
-        invert, support = _inversion(region, second, kernel)
-        total, weight, blocks = integrate(
-            bitmaps, look_up.grid, lambda k: support, None, kernel.moments(region, invert), look_up.walks, look_up.most
-        )
-    else:
-        pieces, count = _strips(region, second, look_up.narrow)
+    count = None if kernel.sampled else _strips(region, second, look_up.narrow)[1]
+
+    def shape(at: Any, a: Any, b: Any, *second: Any) -> tuple[Any, Any]:
+        region = Parallelogram(at, a, b)
+        if kernel.sampled:
+            invert, support = _inversion(region, list(second), kernel)
+            return lambda k: support, kernel.moments(region, invert)
+        pieces, _ = _strips(region, list(second), look_up.narrow)
         whole = region.area() / type(uv.x)(count)
 
         def of_equal_weight(strip: Parallelogram, *cell: Any) -> tuple[Any, ...]:
             share = whole / strip.area()
             return tuple(m * share for m in strip.moments(*cell))
 
-        total, weight, blocks = integrate(
-            bitmaps, look_up.grid, pieces, count, of_equal_weight, look_up.walks, look_up.most
-        )
+        return pieces, of_equal_weight
+
+    inputs = *look_up.edges, *second
+    total, weight, blocks = integrate(bitmaps, look_up.grid, inputs, shape, count, look_up.walks, look_up.most)
     return look_up.value(total, weight), look_up.reads(blocks)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +10,7 @@ import drjit as dr
 
 from ...types import types_of
 from ..block_means import Level
+from ..replayed import summed
 from ..wrap import CLAMP
 from .exact_ellipse import Region
 
@@ -49,9 +50,9 @@ Moments = Callable[[Any, Any, Any, Any, Any], tuple[Any, ...]]
 def integrate(
     bitmaps: Any,
     grid: Grid,
-    pieces: Callable[[Any], Region],
+    inputs: Sequence[Any],
+    shape: Callable[..., tuple[Callable[[Any], Region], Moments]],
     count: Any,
-    moments: Moments,
     active: Any,
     most: int,
     bounds: bool = False,
@@ -59,33 +60,45 @@ def integrate(
     """Integral of the image (less ``grid.reference``) over parallelograms, that of 1, and how many blocks were read
     (UInt).
 
-    There are ``count`` parallelograms (UInt, or None for one), ``pieces(k)`` being one, and ``moments`` integrates 1,
-    x, y, x y over the part in a cell given by ``(piece, left, bottom, width, height)``. No lane reads more than
+    ``shape(*inputs)`` gives ``pieces`` and ``moments``: there are ``count`` parallelograms (UInt, or None for one),
+    ``pieces(k)`` being one, and ``moments`` integrates 1, x, y, x y over the part in a cell given by ``(piece, left,
+    bottom, width, height)``. The integrals have derivatives by ``inputs`` (Dr.Jit arrays) and texels. No lane reads more than
     ``most`` blocks; a piece with a coordinate that is NaN takes no turn. With ``bounds`` ``moments`` has the integral
     of its weight's square as well, and a bound on what the blocks' functions make the first integral err follows.
     """
     zero = grid.base.x * 0
     t = types_of(zero)
+    pieces, moments = shape(*inputs)
     piece = pieces(dr.zeros(t.UInt, dr.width(zero)))
     row, last_row = _rows(grid, piece)
     column, last = _columns(grid, piece, row)
     state: tuple[Any, ...] = (
         dr.zeros(t.UInt, dr.width(zero)), row, last_row, column, last,
-        dr.zeros(type(grid.reference), dr.width(zero)), dr.zeros(t.Float, dr.width(zero)),
         dr.zeros(t.UInt, dr.width(zero)), t.Bool(active) & (row <= last_row),
     )  # fmt: skip
+    sums: tuple[Any, ...] = dr.zeros(type(grid.reference), dr.width(zero)), dr.zeros(t.Float, dr.width(zero))
     if bounds:
-        state = (dr.zeros(type(grid.reference), dr.width(zero)), *state)
+        state = (*state[:-1], dr.zeros(type(grid.reference), dr.width(zero)), state[-1])
 
-    def turn(*state: Any) -> tuple[Any, ...]:
-        *bound, k, row, last_row, column, last, total, weight, reads, going = state
-        here = piece if count is None else pieces(k)
-        left, bottom, width, height = _cell(grid, here, column, row)
-        m, mx, my, mxy, *square = moments(here, left, bottom, width, height)
+    def integral(numbers: tuple[Any, ...], column: Any, row: Any, going: Any) -> Any:
+        m, mx, my, mxy = numbers
         mean, slope_u, slope_v, mixed = bitmaps.blocks.block(
             bitmaps, grid.image, grid.level, grid.reference, grid.base.x + column, grid.base.y + row, going
         )
-        total = total + (mean * m + slope_u * mx + (slope_v * my + mixed * mxy))
+        return mean * m + slope_u * mx + (slope_v * my + mixed * mxy)
+
+    def terms(local: Sequence[Any], k: Any, row: Any, _: Any, column: Any, *rest: Any) -> tuple[Any, Any]:
+        pieces, moments = shape(*local)
+        here = pieces(k)
+        numbers = moments(here, *_cell(grid, here, column, row))[:4]
+        return integral(numbers, column, row, rest[-1]), numbers[0]
+
+    def turn(k: Any, row: Any, last_row: Any, column: Any, last: Any, reads: Any, *rest: Any) -> tuple[Any, ...]:
+        *bound, going, total, weight = rest
+        here = piece if count is None else pieces(k)
+        left, bottom, width, height = _cell(grid, here, column, row)
+        m, mx, my, mxy, *square = moments(here, left, bottom, width, height)
+        total = total + integral((m, mx, my, mxy), column, row, going)
         if bounds:
             deviation = bitmaps.blocks.deviation(grid.image, grid.level, grid.base.x + column, grid.base.y + row, going)
             beyond = _beyond_bilinear(bitmaps, grid, (m, mx, my, mxy), square[0], width, height)
@@ -106,10 +119,13 @@ def integrate(
         going &= reads < most - 1
         first, end = _columns(grid, following, row)
         column, last = dr.select(next_row, first, column), dr.select(next_row, end, last)
-        return *bound, k, row, last_row, column, last, total, weight + m, reads + 1, going
+        return k, row, last_row, column, last, reads + 1, *bound, going, total, weight + m
 
-    bound, *_, total, weight, reads, _ = dr.while_loop(state, lambda *s: s[-1], turn, label="blocks of a footprint")
-    return (total, weight, reads, bound) if bounds else (total, weight, reads)
+    found = summed(
+        state, sums, lambda *s: s[-3], turn, terms, inputs, bitmaps.buffers, label="blocks of a footprint"
+    )
+    *_, total, weight = found
+    return (total, weight, found[5], found[6]) if bounds else (total, weight, found[5])
 
 
 def _beyond_bilinear(bitmaps: Any, grid: Grid, moments: tuple[Any, ...], square: Any, width: Any, height: Any) -> Any:

@@ -10,6 +10,7 @@ import drjit as dr
 
 from ...types import types_of
 from ..filter_settings import FilterSettings
+from ..replayed import summed
 from .axes import anisotropy, principal_axes, shape, width
 from .trilinear import between_levels
 
@@ -52,18 +53,28 @@ def probes(bitmaps: Any, image: Any, uv: Any, footprint: Any, settings: FilterSe
     line = probe_line(bitmaps, image, footprint, settings)
     zero = dr.zeros(type(line.count), dr.width(uv.x, line.count))
 
+    def probe(k: Any, uv: Any, step: Any, texels: Any) -> Any:
+        return between_levels(bitmaps, image, uv + line.place(k) * step, texels, active)
+
     def more(k: Any, *_: Any) -> Any:
         return active & (k < line.count)
 
-    def step(k: Any, first: Any, total: Any, weights: Any) -> tuple[Any, Any, Any, Any]:
-        value = between_levels(bitmaps, image, uv + line.place(k) * line.step, line.texels, active)
+    def step(k: Any, first: Any, weights: Any, total: Any) -> tuple[Any, Any, Any, Any]:
+        value = probe(k, uv, line.step, line.texels)
         # Differences to the first one: equal probes give what they are, whatever the weights round to.
         first = dr.select(k == 0, value, first)
         weight = line.weight(k)
-        return k + 1, first, dr.fma(weight, value - first, total), weights + weight
+        return k + 1, first, weights + weight, dr.fma(weight, value - first, total)
+
+    def terms(inputs: Any, k: Any, first: Any, _: Any) -> tuple[Any]:
+        # At the first probe there is no first one yet; whichever constant it is, derivatives are the same.
+        return (line.weight(k) * (probe(k, *inputs) - first),)
 
     value = zero if bitmaps.channels == 1 else dr.zeros(types_of(zero).Array3f, dr.width(zero))
-    _, first, total, weights = dr.while_loop((zero, value, value, zero), more, step, labels=("k", "first", "sum", "w"))
+    inputs = uv, line.step, line.texels
+    _, first, weights, total = summed(
+        (zero, value, zero), (value,), more, step, terms, inputs, bitmaps.buffers, "probes of a footprint"
+    )
     return first + total / dr.select(weights > 0, weights, 1)
 
 
