@@ -7,7 +7,6 @@ then independent of the image's, and an error that is squared has gradients with
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,22 +24,35 @@ from .rays.wavefront import Wavefront
 _SAME_FOOTPRINTS = ("analytic", "autodiff", "autodiff2")
 
 
+def differentiable(image: Any, job: Job, footprints: bool = True) -> Any:
+    """``image`` as a function of all live values that carry derivatives, which are taken with the samples of ``job``:
+    ``footprints``, through footprints too. ``SettingError`` for what has no derivatives."""
+    slots, values = job.moving()
+    if not slots:
+        return image
+    if job.settings.kind == "aov":
+        raise SettingError("aovs have no derivatives: render with integrator='path' or 'direct', or detach the params")
+    moves = any(slot.moves for slot in slots)
+    through = _footprints(job) if moves and footprints else None
+    return dr.custom(_Render, values, slots, image, _How(job, moves, through))
+
+
+def unlike(seed: int) -> int:
+    """A seed for samples that have nothing to do with those of ``seed``."""
+    return (seed * 0x9E3779B1 + 0x85EBCA77) % 2**32
+
+
 @dataclass(frozen=True, eq=False)
-class Gradients:
-    """How a render is differentiated: ``job`` gives the job whose samples the derivatives are taken with;
-    ``footprints``, whether they go through footprints."""
+class _How:
+    """The samples by which to differentiate, whether rays move with the values, and what footprints move by."""
 
-    job: Callable[[], Job]
-    footprints: bool
-
-
-def differentiable(image: Any, slots: list[Slot], values: list[Any], how: Gradients) -> Any:
-    """``image``, as a function of ``values``, the arrays that it was rendered with in the places of ``slots``."""
-    return dr.custom(_Render, values, slots, image, how)
+    job: Job
+    moves: bool
+    through: Differentials | None
 
 
 class _Render(dr.CustomOp):  # type: ignore[misc]
-    def eval(self, values: list[Any], slots: list[Slot], image: Any, how: Gradients) -> Any:
+    def eval(self, values: list[Any], slots: list[Slot], image: Any, how: _How) -> Any:
         self._values, self._slots, self._how = values, slots, how
         return type(image)(image)
 
@@ -65,15 +77,13 @@ class _Moving:
     replay: Replay
 
     @staticmethod
-    def of(slots: list[Slot], values: list[Any], how: Gradients, tangents: list[Any] | None) -> _Moving:
+    def of(slots: list[Slot], values: list[Any], how: _How, tangents: list[Any] | None) -> _Moving:
         copies = [type(value)(dr.detach(value)) for value in values]
         dr.enable_grad(copies)
         if tangents is not None:
             dr.set_grad(copies, tangents)
-        job = how.job()
-        moves = any(slot.moves for slot in slots)
-        through = _footprints(job) if moves and how.footprints else None
-        return _Moving(job, slots, Replay(copies, moves, through))
+        how.job.view.film.clear()
+        return _Moving(how.job, slots, Replay(copies, how.moves, how.through))
 
     def value_adjoints(self, image: Any) -> list[Any]:
         """The adjoint of each value, given that of the image."""

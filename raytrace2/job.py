@@ -13,6 +13,7 @@ from .filtering import Filtering, plan_filtering
 from .integrators.aov import aov, channel_names, needs_offset_rays
 from .integrators.direct import direct
 from .integrators.path import path
+from .live import Slot
 from .rays.camera import make_camera
 from .rays.differentials import make_differentials
 from .rays.ray import Ray
@@ -88,6 +89,13 @@ class Job:
         passes = split_passes(film.pixel_count, sampler.sample_count, c.max_lanes)
         view = View(camera, film, filtering, sampler.sample_count)
         return Job(traced, settings, filtering, view, sampler, c.seed, passes, names)
+
+    def moving(self) -> tuple[list[Slot], list[Any]]:
+        """The places of values that carry derivatives, and those values."""
+        slots = list(self.traced.slots)
+        pairs = zip(slots, self.traced.live_values(), strict=True)
+        found = [(slot, value) for slot, value in pairs if dr.grad_enabled(value)]
+        return [slot for slot, _ in found], [value for _, value in found]
 
     @property
     def channels(self) -> list[str]:

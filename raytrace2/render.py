@@ -11,8 +11,10 @@ from typing import Any
 import drjit as dr
 
 from .arguments import whole_number
+from .differentiable import differentiable, unlike
 from .errors import SettingError
 from .job import RADIANCE, Choices, Job
+from .parameters.scene_parameters import SceneParameters
 from .render_arguments import check_integrator, check_names, check_scene, checked_counts, checked_size
 from .scene.description import Camera, Integrator, PerspectiveCamera
 from .scene.field_of_view import fov_along, x_fov_of
@@ -52,7 +54,7 @@ class RenderInterrupted(KeyboardInterrupt):
 
 def render(
     scene: Scene,
-    params: None = None,
+    params: SceneParameters | None = None,
     sensor: int = 0,
     integrator: Integrator | str | None = None,
     seed: int = 0,
@@ -60,11 +62,14 @@ def render(
     accel: str | None = None,
     filter: str | None = None,
     differentials: str | None = None,
-    precision: str = "float32",
+    precision: str | None = None,
     *,
     size: tuple[int, int] | None = None,
     intersection: str | None = None,
     progress: bool | None = None,
+    spp_grad: int = 0,
+    seed_grad: int | None = None,
+    footprint_gradients: bool = True,
 ) -> Any:
     """Renders ``scene`` and returns its image, TensorXf (height, width, channels), linear, as ``mi.render`` does.
 
@@ -78,15 +83,27 @@ def render(
     height) replaces the film's. ``intersection`` is ``"watertight"``, ``"fast"`` (see ``rt.accel.build``) or None for
     the scene's own. ``progress`` shows a bar; None shows one on a terminal if there is more than one pass.
 
+    With the scene's ``params`` (:func:`~raytrace2.traverse`; ``precision`` is then theirs unless given) of which some
+    carry derivatives, the image is a differentiable function of these, in reverse and in forward mode. Derivatives take
+    ``spp_grad`` samples a pixel of their own (0: as many as the image), drawn from ``seed_grad`` (None: from another
+    sequence than the image's; the image's own seed gives the derivative of that very image). They are those inside
+    surfaces and shadows: that edges move is not seen. ``footprint_gradients``: footprints of texture filters depend on
+    the camera and on surfaces; without, they count as constant.
+
     Ctrl-C raises :class:`RenderInterrupted`, which holds the image so far. The same arguments give the same image
     to the bit.
     """
-    if params is not None:
-        raise TypeError("params: pass None; parameters are changed in the scene before it is loaded")
-    return render_detailed(
-        scene, sensor, integrator, seed=seed, spp=spp, accel=accel, filter=filter, differentials=differentials,
-        precision=precision, size=size, intersection=intersection, progress=progress,
-    ).image  # fmt: skip
+    precision = _precision(scene, params, precision)
+    how: dict[str, Any] = {
+        "accel": accel, "filter": filter, "differentials": differentials, "precision": precision, "size": size,
+        "intersection": intersection,
+    }  # fmt: skip
+    image = render_detailed(scene, sensor, integrator, seed=seed, spp=spp, progress=progress, **how).image
+    if params is None or not any(dr.grad_enabled(value) for _, value in params.items()):
+        return image
+    spp_grad, seed_grad = checked_counts(spp_grad or spp, unlike(seed) if seed_grad is None else seed_grad)
+    again = Job.of(scene, _choices(scene, sensor, integrator, seed=seed_grad, spp=spp_grad, **how))
+    return differentiable(image, again, footprint_gradients)
 
 
 def render_detailed(
@@ -106,18 +123,37 @@ def render_detailed(
     max_lanes: int = MAX_LANES,
 ) -> Rendering:
     """:func:`render` with what it took; ``max_lanes`` bounds the samples of a pass."""
+    choices = _choices(
+        scene, sensor, integrator, seed=seed, spp=spp, accel=accel, filter=filter, differentials=differentials,
+        precision=precision, size=size, intersection=intersection, max_lanes=max_lanes,
+    )  # fmt: skip
+    begin = time.perf_counter()
+    return render_job(Job.of(scene, choices), progress, begin)
+
+
+def _choices(
+    scene: Scene, sensor: int, integrator: Integrator | str | None, *, seed: int, spp: int, accel: str | None,
+    filter: str | None, differentials: str | None, precision: str, size: tuple[int, int] | None,
+    intersection: str | None, max_lanes: int = MAX_LANES,
+) -> Choices:  # fmt: skip
     check_scene(scene)
     check_integrator(integrator)
     check_names(accel=accel, filter=filter, differentials=differentials, intersection=intersection)
     spp, seed = checked_counts(spp, seed)
     if precision not in ("float32", "float64"):
         raise SettingError(f"precision must be 'float32' or 'float64', not {precision!r}")
-    choices = Choices(
+    return Choices(
         choose_camera(scene, sensor, size), choose_integrator(scene, integrator), seed, spp, accel, filter,
         differentials, precision, intersection, max_lanes,
     )  # fmt: skip
-    begin = time.perf_counter()
-    return render_job(Job.of(scene, choices), progress, begin)
+
+
+def _precision(scene: Scene, params: SceneParameters | None, precision: str | None) -> str:
+    if params is None:
+        return precision or "float32"
+    if not isinstance(params, SceneParameters) or params.scene is not scene:
+        raise SettingError("params must be what rt.traverse gave for this scene")
+    return precision or params.types.precision
 
 
 def render_job(job: Job, progress: bool | None, begin: float) -> Rendering:
