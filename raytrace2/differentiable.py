@@ -34,7 +34,7 @@ def differentiable(image: Any, job: Job, footprints: bool = True) -> Any:
         raise SettingError("aovs have no derivatives: render with integrator='path' or 'direct', or detach the params")
     moves = any(slot.moves for slot in slots)
     through = _footprints(job) if moves and footprints else None
-    return dr.custom(_Render, values, slots, image, _How(job, moves, through))
+    return dr.custom(_Render, values, image, _How(job, slots, moves, through))
 
 
 def unlike(seed: int) -> int:
@@ -42,26 +42,27 @@ def unlike(seed: int) -> int:
     return (seed * 0x9E3779B1 + 0x85EBCA77) % 2**32
 
 
-@dataclass(frozen=True, eq=False)
 class _How:
-    """The samples by which to differentiate, whether rays move with the values, and what footprints move by."""
+    """The samples by which to differentiate, what by, whether rays move with it, and what footprints move by.
 
-    job: Job
-    moves: bool
-    through: Differentials | None
+    No dataclass: Dr.Jit would take it for a PyTree, and give the operation a copy of everything below it.
+    """
+
+    def __init__(self, job: Job, slots: list[Slot], moves: bool, through: Differentials | None) -> None:
+        self.job, self.slots, self.moves, self.through = job, slots, moves, through
 
 
 class _Render(dr.CustomOp):  # type: ignore[misc]
-    def eval(self, values: list[Any], slots: list[Slot], image: Any, how: _How) -> Any:
-        self._values, self._slots, self._how = values, slots, how
+    def eval(self, values: list[Any], image: Any, how: _How) -> Any:
+        self._values, self._how = values, how
         return type(image)(image)
 
     def forward(self) -> None:
-        moving = _Moving.of(self._slots, self._values, self._how, self.grad_in("values"))
+        moving = _Moving.of(self._values, self._how, self.grad_in("values"))
         self.set_grad_out(moving.image_tangent())
 
     def backward(self) -> None:
-        moving = _Moving.of(self._slots, self._values, self._how, None)
+        moving = _Moving.of(self._values, self._how, None)
         self.set_grad_in("values", moving.value_adjoints(self.grad_out()))
 
     def name(self) -> str:
@@ -77,13 +78,13 @@ class _Moving:
     replay: Replay
 
     @staticmethod
-    def of(slots: list[Slot], values: list[Any], how: _How, tangents: list[Any] | None) -> _Moving:
+    def of(values: list[Any], how: _How, tangents: list[Any] | None) -> _Moving:
         copies = [type(value)(dr.detach(value)) for value in values]
         dr.enable_grad(copies)
         if tangents is not None:
             dr.set_grad(copies, tangents)
         how.job.view.film.clear()
-        return _Moving(how.job, slots, Replay(copies, how.moves, how.through))
+        return _Moving(how.job, how.slots, Replay(copies, how.moves, how.through))
 
     def value_adjoints(self, image: Any) -> list[Any]:
         """The adjoint of each value, given that of the image."""
