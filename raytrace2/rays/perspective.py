@@ -20,7 +20,7 @@ class Perspective:
     def __init__(self, desc: PerspectiveCamera, types: Types) -> None:
         to_world = checked_to_world(desc, rigid=True)
         axes = perspective_axes(desc) @ to_world[:3, :3].T
-        self._corner, self._du, self._dv, self._origin = opaque_vectors([*axes, to_world[:3, 3]], types.Array3f)
+        self._axes = opaque_vectors([*axes, to_world[:3, 3]], types.Array3f)
         self._near, self._range = (
             dr.opaque(types.Float, desc.near_clip),
             dr.opaque(types.Float, desc.far_clip - desc.near_clip),
@@ -31,7 +31,8 @@ class Perspective:
 
         They run from the near to the far plane. Differentiable in ``film_position``; ``aperture_sample`` is not used.
         """
-        through = dr.fma(self._du, film_position.x, dr.fma(self._dv, film_position.y, self._corner))
+        corner, du, dv, origin = self._axes
+        through = dr.fma(du, film_position.x, dr.fma(dv, film_position.y, corner))
         # `through` has depth 1 along the optical axis, so its length turns depths into distances along the ray.
         length = dr.norm(through)
-        return Ray(dr.fma(through, self._near, self._origin), through / length, tmax=self._range * length)
+        return Ray(dr.fma(through, self._near, origin), through / length, tmax=self._range * length)
