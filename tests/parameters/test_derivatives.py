@@ -31,7 +31,9 @@ def flat(value: Any) -> Any:
 
 def buffers(scene: rt.Scene, filter: FilterSettings | None) -> Any:
     traced = scene.traced("brute_force", "float64", filter)
-    values = list(traced.live_values())
+    pairs = zip(traced.slots, traced.live_values(), strict=True)
+    # How often samples are drawn has no derivatives.
+    values = [value for slot, value in pairs if slot.attribute not in ("chances", "areas", "rows", "columns")]
     for sensor, settings in enumerate(scene.cameras):
         slots = live_camera(scene, sensor, settings, T64)[1]
         values += [slot.made(scene.store.values(T64)) for slot in slots]
