@@ -14,7 +14,7 @@ from .integrators.aov import aov, channel_names, needs_offset_rays
 from .integrators.direct import direct
 from .integrators.path import path
 from .live import Slot
-from .rays.camera import make_camera
+from .parameters.cameras import live_camera
 from .rays.differentials import make_differentials
 from .rays.ray import Ray
 from .rays.sampler import Sampler, make_sampler
@@ -33,6 +33,7 @@ RADIANCE: dict[str, Callable[..., Any]] = {"path": path, "direct": direct}
 class Choices:
     """How a scene is rendered, names checked: see :func:`~raytrace2.render.render`."""
 
+    sensor: int
     camera: Camera
     integrator: Integrator
     seed: int
@@ -63,6 +64,7 @@ class Job:
     """A scene with its tables, a view of it and the passes that make the image, whose channels have ``names``."""
 
     traced: TracedScene
+    camera_slots: tuple[Slot, ...]
     settings: Integrator
     filtering: Filtering
     view: View
@@ -81,19 +83,21 @@ class Job:
         traced = scene.traced(c.accel, c.precision, filtering.textures, c.intersection)
         if settings.kind != "aov" or settings.nested is not None or any(kind == "albedo" for _, kind in settings.aovs):
             traced.prepare_shading()
-        camera = make_camera(c.camera, traced.types)
+        camera, held = live_camera(scene, c.sensor, c.camera, traced.types)
         names = [] if settings.kind == "aov" and settings.nested is None else ["R", "G", "B"]
         names += channel_names(settings)
         check_work(filtering.film, len(names), sampler.sample_count, c.max_lanes)
         film = Film(filtering.film, traced.types, len(names))
         passes = split_passes(film.pixel_count, sampler.sample_count, c.max_lanes)
         view = View(camera, film, filtering, sampler.sample_count)
-        return Job(traced, settings, filtering, view, sampler, c.seed, passes, names)
+        return Job(traced, held, settings, filtering, view, sampler, c.seed, passes, names)
 
     def moving(self) -> tuple[list[Slot], list[Any]]:
         """The places of values that carry derivatives, and those values."""
-        slots = list(self.traced.slots)
-        pairs = zip(slots, self.traced.live_values(), strict=True)
+        traced = self.traced
+        values = traced.store.values(traced.types)
+        of_camera = zip(self.camera_slots, (slot.made(values) for slot in self.camera_slots), strict=True)
+        pairs = [*zip(traced.slots, traced.live_values(), strict=True), *of_camera]
         found = [(slot, value) for slot, value in pairs if dr.grad_enabled(value)]
         return [slot for slot, _ in found], [value for _, value in found]
 

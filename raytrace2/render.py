@@ -143,7 +143,7 @@ def _choices(
     if precision not in ("float32", "float64"):
         raise SettingError(f"precision must be 'float32' or 'float64', not {precision!r}")
     return Choices(
-        choose_camera(scene, sensor, size), choose_integrator(scene, integrator), seed, spp, accel, filter,
+        sensor, choose_camera(scene, sensor, size), choose_integrator(scene, integrator), seed, spp, accel, filter,
         differentials, precision, intersection, max_lanes,
     )  # fmt: skip
 

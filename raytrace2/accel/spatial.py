@@ -34,11 +34,11 @@ def build_spatial(parts: Primitives, budget: float) -> BinaryTree:
 
 
 def build_spatial_forest(
-    parts: Primitives, held: np.ndarray, counts: np.ndarray, *, most: int, depth: int = 0
+    parts: Primitives, held: np.ndarray, counts: np.ndarray, *, most: int, depth: int = 0, overlap: float = OVERLAP
 ) -> BinaryTree:
     """Trees like that over some of the primitives: the first over ``counts[0]`` of those that ``held`` names, and so
     on, with at most ``most`` further references in all. Node k of the result is the root of the k-th, which stands
-    ``depth`` levels below that of a greater tree."""
+    ``depth`` levels below that of a greater tree; ``overlap`` stands for :data:`OVERLAP`."""
     kinds, roots = parts.types, len(counts)
     corners, cuttable, margin = _what_can_be_cut(parts)
     rows = np.zeros((len(parts), 16), kinds.numpy)
@@ -68,8 +68,7 @@ def build_spatial_forest(
                 references.counts[references.owner] // 2
             )
         elif remaining > 0:
-            overlap = _overlap(references, goes_right)
-            tried = (overlap > OVERLAP * whole[root]) & np.isfinite(cost)
+            tried = (_overlap(references, goes_right) > overlap * whole[root]) & np.isfinite(cost)
             if tried.any():
                 references, goes_right, added = _cut_some(
                     kinds, references, goes_right, cost, tried, remaining, (device, corners, cuttable, margin)

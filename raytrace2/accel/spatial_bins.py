@@ -9,17 +9,29 @@ import drjit as dr
 from ..surfaces.record import decode_integer, load_words
 from ..types import Types
 from .sah_bins import ALL_BINS, BINS, better_split, no_split
-from .sah_boxes import FIRST, Group, area, empty, load, union
+from .sah_boxes import FIRST, area, empty, load, union
+
+#: The boxes of each lane's bins, and how many references begin and end in each.
+CutBins = tuple[Any, Any, Any]
 
 
-def cheapest_cut(types: Types, references: Any, corners: Any, bounds: list[Any], group: Group) -> tuple[Any, ...]:
-    """Cost, axis and plane (the first bin right of it) of each node's cheapest cut; infinite cost where there is none.
+def no_cut_bins(types: Types) -> CutBins:
+    """Memory of each lane for bins on three axes, empty."""
+    return (
+        dr.alloc_local(types.Float, 6 * ALL_BINS, value=types.Float(dr.inf)),
+        dr.alloc_local(types.UInt, ALL_BINS, value=types.UInt(0)),
+        dr.alloc_local(types.UInt, ALL_BINS, value=types.UInt(0)),
+    )
+
+
+def fill_cut_bins(types: Types, references: Any, corners: Any, bounds: list[Any], begin: Any, end: Any) -> CutBins:
+    """Each lane's bins, over its node's ``bounds``, with the references from ``begin`` to ``end`` (excluded).
 
     ``references`` are packets of boxes with the number of a primitive; ``corners`` rows of sixteen words: the
     vertices, and a tenth word that is not zero for what may be cut. The parts of a reference in the bins that it spans
     are found by clipping.
     """
-    UInt, Float, width = types.UInt, types.Float, dr.width(group.begin)
+    UInt, Float = types.UInt, types.Float
     size = [-bounds[k + 3] - bounds[k] for k in range(3)]
     scale = [dr.select(s > 0, dr.fmin(BINS / s, types.largest), 0) for s in size]
 
@@ -30,35 +42,32 @@ def cheapest_cut(types: Types, references: Any, corners: Any, bounds: list[Any],
         cuttable = words[9] != 0
         for axis in range(3):
             ends = [box[axis], dr.select(cuttable, -box[axis + 3], box[axis])]
-            begin, end = (
+            first, last = (
                 UInt(dr.fmax(dr.fmin((x - bounds[axis]) * scale[axis], BINS - 1), 0)) + axis * BINS for x in ends
             )
-            entries.write(entries.read(begin) + 1, begin)
-            exits.write(exits.read(end) + 1, end)
+            entries.write(entries.read(first) + 1, first)
+            exits.write(exits.read(last) + 1, last)
 
-            def part(b: Any, boxes: Any, axis: int = axis, begin: Any = begin, end: Any = end) -> tuple[Any, ...]:
+            def part(b: Any, boxes: Any, axis: int = axis, first: Any = first, last: Any = last) -> tuple[Any, ...]:
                 step = size[axis] / BINS
                 least = bounds[axis] + step * Float(b - axis * BINS)
                 piece = _clipped(vertices, box, axis, least, least + step)
-                piece = [dr.select(begin == end, whole, cut) for whole, cut in zip(box[:6], piece, strict=True)]
+                piece = [dr.select(first == last, whole, cut) for whole, cut in zip(box[:6], piece, strict=True)]
                 for k in range(6):
                     boxes.write(dr.fmin(boxes.read(b * 6 + k), piece[k]), b * 6 + k)
                 return b + 1, boxes
 
-            _, boxes = dr.while_loop((begin, boxes), lambda b, _, end=end: b <= end, part, label="parts")
+            _, boxes = dr.while_loop((first, boxes), lambda b, _, last=last: b <= last, part, label="parts")
         return i + 1, boxes, entries, exits
 
-    state = (
-        group.begin + 0,
-        dr.alloc_local(Float, 6 * ALL_BINS, value=Float(dr.inf)),
-        dr.alloc_local(UInt, ALL_BINS, value=UInt(0)),
-        dr.alloc_local(UInt, ALL_BINS, value=UInt(0)),
-    )
-    _, boxes, entries, exits = dr.while_loop(state, lambda i, *_: i < group.end, add, label="spatial bins")
-    return _cheapest(types, (boxes, entries, exits), group, width)
+    state = (begin + 0, *no_cut_bins(types))
+    _, boxes, entries, exits = dr.while_loop(state, lambda i, *_: i < end, add, label="spatial bins")
+    return boxes, entries, exits
 
 
-def _cheapest(types: Types, bins: tuple[Any, ...], group: Group, width: int) -> tuple[Any, ...]:
+def cheapest_cut(types: Types, bins: CutBins, unit: Any, width: int) -> tuple[Any, ...]:
+    """Cost, in units of ``1 / unit**2``, axis and plane (the first bin right of it) of each of ``width`` nodes'
+    cheapest cut; infinite cost where there is none."""
     UInt, Float = types.UInt, types.Float
     costs, numbers = dr.alloc_local(Float, BINS, value=Float(0)), dr.alloc_local(UInt, BINS, value=UInt(0))
     best = no_split(types, width, dr.zeros(UInt, width))
@@ -70,7 +79,7 @@ def _cheapest(types: Types, bins: tuple[Any, ...], group: Group, width: int) -> 
         ) -> tuple[Any, ...]:
             b = k + axis * BINS
             side, n = union(side, [boxes.read(b * 6 + j) for j in range(6)]), n + exits.read(b)
-            costs.write(area(side, group.unit) * Float(n), k)
+            costs.write(area(side, unit) * Float(n), k)
             numbers.write(n, k)
             return k - 1, side, n, costs, numbers, boxes, exits
 
@@ -87,7 +96,7 @@ def _cheapest(types: Types, bins: tuple[Any, ...], group: Group, width: int) -> 
         ) -> tuple[Any, ...]:
             b = k + axis * BINS
             side, n = union(side, [boxes.read(b * 6 + j) for j in range(6)]), n + entries.read(b)
-            cost = area(side, group.unit) * Float(n) + costs.read(k + 1)
+            cost = area(side, unit) * Float(n) + costs.read(k + 1)
             right = numbers.read(k + 1)
             best = better_split(best, cost, n, n + right, (UInt(axis), k + 1))
             return k + 1, side, n, best, costs, numbers, boxes, entries

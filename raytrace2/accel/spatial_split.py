@@ -14,8 +14,13 @@ from ..types import Types
 from .binary_tree import surface_area
 from .sah_bins import BINS, BY_COUNT, cheapest_plane, fill_bins
 from .sah_boxes import FIRST, WORDS, Group, centre, empty, group_of, lanes, load, union
-from .spatial_bins import cheapest_cut
+from .sah_split_large import Chunks
+from .spatial_bins import cheapest_cut, fill_cut_bins
+from .spatial_chunks import cut_bins_by_chunks
 from .triangle_parts import part_boxes
+
+#: The bins of nodes of more references than LARGE are filled by lanes that take CHUNK of them each.
+LARGE, CHUNK = 1024, 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,9 +96,26 @@ def plan_by_middle(kinds: Types, references: References) -> tuple[np.ndarray, np
 
 def plan_by_cut(kinds: Types, references: References, corners: Any) -> Plans:
     """The cheapest plane that may cut references, for each node."""
+    large = references.counts > LARGE
+    if large.all() or not large.any():
+        return _plan_by_cut(kinds, references, corners, by_chunks=bool(large.any()))
+    both = [_plan_by_cut(kinds, references.some(w), corners, c) for w, c in ((large, True), (~large, False))]
+    found = [np.empty(len(large), x.dtype) for x in (both[0].axis, both[0].plane, both[0].cost)]
+    for which, plans in zip((large, ~large), both, strict=True):
+        for array, part in zip(found, (plans.axis, plans.plane, plans.cost), strict=True):
+            array[which] = part
+    return Plans(*found)
+
+
+def _plan_by_cut(kinds: Types, references: References, corners: Any, by_chunks: bool) -> Plans:
     packets = references.packets(kinds)
     bounds, group = _groups(kinds, packets, references)
-    cost, axis, bin = cheapest_cut(kinds, packets, corners, bounds, group)
+    if by_chunks:
+        chunks = Chunks.of(references.starts, references.counts, CHUNK)
+        bins = cut_bins_by_chunks(kinds, packets, corners, bounds, chunks)
+    else:
+        bins = fill_cut_bins(kinds, packets, corners, bounds, group.begin, group.end)
+    cost, axis, bin = cheapest_cut(kinds, bins, group.unit, len(references.starts))
     dr.eval(cost, axis, bin, bounds, group.unit)
     by_axis = np.where(axis.numpy() < 3, axis.numpy(), 0).astype(np.int64)
     rows = np.arange(len(by_axis))

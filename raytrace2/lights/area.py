@@ -14,6 +14,7 @@ from ..live import Live, Place, Slot, Values, channels, put
 from ..scene import description
 from ..types import Types
 from .area_flat import CylinderLights, DiskLights, RectangleLights
+from .area_live import Area, area_slots
 from .area_mesh import MeshLights
 from .area_sphere import SphereLights
 from .sample import LightSample, finite_or_zero, pack, towards
@@ -82,8 +83,19 @@ class AreaLights:
         )
 
     def slots(self, shapes: Sequence[description.Shape], live: Live) -> list[Slot]:
-        """Those of live radiance of one colour; ``shapes`` are those given to :meth:`build`."""
+        """Those of live radiance of one colour and of surfaces that may move; ``shapes`` are those given to
+        :meth:`build`."""
         places: dict[int, Place] = {}
+        areas: dict[int, tuple[Place, Area]] = {}
+        found: list[Slot] = []
+        first = 0
+        ordered = [shapes[which] for which in self.order]
+        for kind, (table, _, _) in zip(sorted({_KINDS.index(_kind(s)) for s in ordered}), self.kinds, strict=True):
+            group = [s for s in ordered if _kind(s) is _KINDS[kind]]
+            slots, some = area_slots(table, group, live)
+            found += slots
+            areas |= {first + k: area for k, area in some.items()}
+            first += len(group)
         for light, which in enumerate(self.order):
             emitter = shapes[which].emitter
             assert emitter is not None
@@ -95,9 +107,14 @@ class AreaLights:
             buffer = type(base)(base)
             for light, place in places.items():
                 put(buffer, 4 * light, channels(values(place)))
+            for light, (_, area) in areas.items():
+                put(buffer, 4 * light + 3, [area(values)])
             return buffer
 
-        return [Slot.of(self, "emission", places.values(), make, moves=False)] if places else []
+        if places or areas:
+            all_places = {*places.values(), *(place for place, _ in areas.values())}
+            found.append(Slot.of(self, "emission", all_places, make, moves=bool(areas)))
+        return found
 
     def sample(self, p: Any, index: Any, u: Any, active: Any) -> LightSample:
         """A point on light ``index`` as seen from ``p``, from ``u`` (Array2f)."""

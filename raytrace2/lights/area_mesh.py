@@ -72,7 +72,13 @@ class MeshLights:
             first = dr.gather(types.Array4f, self.uv, triangle * 2, active)
             last = dr.gather(types.Array4f, self.uv, triangle * 2 + 1, active)
             uv = first.xy * b0 + first.zw * b.x + last.xy * b.y
-        return from_area(p, point, n, side, dr.gather(types.Float, self.areas, index, active), uv)
+        area = dr.gather(types.Float, self.areas, index, active)
+        if dr.grad_enabled(e1, e2):
+            # A triangle is chosen as often as before when it grows.
+            size2 = dr.squared_norm(dr.cross(e1.xyz, e2.xyz))
+            size = dr.sqrt(dr.select(size2 > 0, size2, 1))
+            area = area * dr.select(dr.detach(size2) > 0, size / dr.detach(size), 1)
+        return from_area(p, point, n, side, area, uv)
 
 
 def _triangles(shape: description.MeshShape, types: Types) -> tuple[np.ndarray, np.ndarray]:

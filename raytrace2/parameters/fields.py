@@ -226,7 +226,8 @@ class Attribute(Buffer):
 def coerced_matrix(key: str, given: Any, size: int, types: Types) -> Any:
     """A matrix from a matrix, a transform or an array."""
     kind = types.Matrix4f if size == 4 else types.Matrix3f
-    given = getattr(given, "matrix", given)
+    # Of Dr.Jit arrays names of attributes pick components.
+    given = given if isinstance(given, dr.ArrayBase) else getattr(given, "matrix", given)
     if isinstance(given, dr.ArrayBase) and dr.is_matrix_v(given) and len(given) == size:
         entries = [[given[i, j] for j in range(size)] for i in range(size)]
     else:

@@ -24,7 +24,7 @@ class Orthographic:
         axes = np.column_stack([film_axes(desc.film), [desc.near_clip, 0.0, 0.0]]) @ linear.T
         axes[0] += to_world[:3, 3]
         direction = linear[:, 2] / np.linalg.norm(linear[:, 2])
-        self._corner, self._du, self._dv, self._direction = opaque_vectors([*axes, direction], types.Array3f)
+        self._axes = opaque_vectors([*axes, direction], types.Array3f)
         self._range = dr.opaque(types.Float, desc.far_clip - desc.near_clip)
 
     def sample_ray(self, film_position: Any, aperture_sample: Any = None) -> Ray:
@@ -33,12 +33,13 @@ class Orthographic:
         They end ``far_clip - near_clip`` world units on. Differentiable in ``film_position``; ``aperture_sample`` is
         not used.
         """
-        origin = dr.fma(self._du, film_position.x, dr.fma(self._dv, film_position.y, self._corner))
+        corner, du, dv, direction = self._axes
+        origin = dr.fma(du, film_position.x, dr.fma(dv, film_position.y, corner))
         # One direction for all rays, at the full width that symbolic loops want of their state.
         first = dr.zeros(dr.uint32_array_t(type(self._range)), dr.width(film_position))
         return Ray(
             origin,
-            dr.gather(type(origin), self._direction, first),
+            dr.gather(type(origin), direction, first),
             tmax=dr.gather(type(self._range), self._range, first),
         )
 
@@ -49,4 +50,5 @@ class Orthographic:
         the film: by formulas, that can be differentiated again."""
         ray = self.sample_ray(film_position, aperture_sample)
         still = dr.zeros(type(ray.d), dr.width(film_position))
-        return ray, (self._du * step[0] + still, still), (self._dv * step[1] + still, still)
+        _, du, dv, _ = self._axes
+        return ray, (du * step[0] + still, still), (dv * step[1] + still, still)

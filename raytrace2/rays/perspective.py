@@ -20,7 +20,7 @@ class Perspective:
     def __init__(self, desc: PerspectiveCamera, types: Types) -> None:
         to_world = checked_to_world(desc, rigid=True)
         axes = perspective_axes(desc) @ to_world[:3, :3].T
-        self._corner, self._du, self._dv, self._origin = opaque_vectors([*axes, to_world[:3, 3]], types.Array3f)
+        self._axes = opaque_vectors([*axes, to_world[:3, 3]], types.Array3f)
         self._near, self._range = (
             dr.opaque(types.Float, desc.near_clip),
             dr.opaque(types.Float, desc.far_clip - desc.near_clip),
@@ -31,10 +31,11 @@ class Perspective:
 
         They run from the near to the far plane. Differentiable in ``film_position``; ``aperture_sample`` is not used.
         """
-        through = dr.fma(self._du, film_position.x, dr.fma(self._dv, film_position.y, self._corner))
+        corner, du, dv, origin = self._axes
+        through = dr.fma(du, film_position.x, dr.fma(dv, film_position.y, corner))
         # `through` has depth 1 along the optical axis, so its length turns depths into distances along the ray.
         length = dr.norm(through)
-        return Ray(dr.fma(through, self._near, self._origin), through / length, tmax=self._range * length)
+        return Ray(dr.fma(through, self._near, origin), through / length, tmax=self._range * length)
 
     def sample_ray_differential(
         self, film_position: Any, aperture_sample: Any, step: tuple[Any, Any]
@@ -42,6 +43,7 @@ class Perspective:
         """:meth:`sample_ray`, and how its origin and direction (Array3f) change for ``step`` to the right and down on
         the film: by formulas, that can be differentiated again."""
         ray = self.sample_ray(film_position, aperture_sample)
-        through = dr.fma(self._du, film_position.x, dr.fma(self._dv, film_position.y, self._corner))
-        right, down = self._du * step[0], self._dv * step[1]
+        corner, du, dv, _ = self._axes
+        through = dr.fma(du, film_position.x, dr.fma(dv, film_position.y, corner))
+        right, down = du * step[0], dv * step[1]
         return ray, *((v * self._near, turned(ray.d, through, v)) for v in (right, down))

@@ -30,9 +30,7 @@ class ThinLens:
         rotation = to_world[:3, :3]
         axes = perspective_axes(desc) @ rotation.T
         aperture = desc.aperture_radius * rotation.T[:2]
-        self._corner, self._du, self._dv, self._origin, self._lens_x, self._lens_y = opaque_vectors(
-            [*axes, to_world[:3, 3], *aperture], types.Array3f
-        )
+        self._axes = opaque_vectors([*axes, to_world[:3, 3], *aperture], types.Array3f)
         self._near, self._range = (
             dr.opaque(types.Float, desc.near_clip),
             dr.opaque(types.Float, desc.far_clip - desc.near_clip),
@@ -48,12 +46,13 @@ class ThinLens:
         if aperture_sample is None:
             raise ValueError("a thin-lens camera needs aperture_sample, an Array2f in [0, 1)^2")
         disk = square_to_uniform_disk_concentric(aperture_sample)
-        lens = dr.fma(self._lens_x, disk.x, self._lens_y * disk.y)
-        pinhole = dr.fma(self._du, film_position.x, dr.fma(self._dv, film_position.y, self._corner))
+        corner, du, dv, origin, lens_x, lens_y = self._axes
+        lens = dr.fma(lens_x, disk.x, lens_y * disk.y)
+        pinhole = dr.fma(du, film_position.x, dr.fma(dv, film_position.y, corner))
         # From the lens to the point in focus, scaled to depth 1 along the optical axis.
         through = dr.fma(lens, -self._power, pinhole)
         length = dr.norm(through)
-        return Ray(dr.fma(through, self._near, self._origin + lens), through / length, tmax=self._range * length)
+        return Ray(dr.fma(through, self._near, origin + lens), through / length, tmax=self._range * length)
 
     def sample_ray_differential(
         self, film_position: Any, aperture_sample: Any, step: tuple[Any, Any]
@@ -62,7 +61,8 @@ class ThinLens:
         the film: by formulas, that can be differentiated again."""
         ray = self.sample_ray(film_position, aperture_sample)
         disk = square_to_uniform_disk_concentric(aperture_sample)
-        pinhole = dr.fma(self._du, film_position.x, dr.fma(self._dv, film_position.y, self._corner))
-        through = dr.fma(dr.fma(self._lens_x, disk.x, self._lens_y * disk.y), -self._power, pinhole)
-        right, down = self._du * step[0], self._dv * step[1]
+        corner, du, dv, _, lens_x, lens_y = self._axes
+        pinhole = dr.fma(du, film_position.x, dr.fma(dv, film_position.y, corner))
+        through = dr.fma(dr.fma(lens_x, disk.x, lens_y * disk.y), -self._power, pinhole)
+        right, down = du * step[0], dv * step[1]
         return ray, *((v * self._near, turned(ray.d, through, v)) for v in (right, down))

@@ -45,7 +45,8 @@ Value: TypeAlias = float | int | bool | str | np.ndarray | Color | SpectrumSampl
 
 @dataclass(eq=False)
 class Node:
-    """One plugin of the scene. ``kind`` is its tag (``"shape"``, ``"bsdf"``, ...); ``children`` are in their order."""
+    """One plugin of the scene. ``kind`` is its tag (``"shape"``, ``"bsdf"``, ...); ``children`` are in their order.
+    ``id`` is of no other; ``name`` is what was written, or else ``id``."""
 
     kind: str
     plugin: str
@@ -53,6 +54,7 @@ class Node:
     location: Location
     properties: dict[str, Value] = field(default_factory=dict)
     children: list[tuple[str, Node]] = field(default_factory=list)
+    name: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -160,7 +160,7 @@ def _nodes(state: Any, files: list[str], texts: list[str]) -> Node:
     for index, node in enumerate(raw):
         kind = str(node.type).rsplit(".", 1)[-1].lower()
         kind = _TAGS.get(kind, kind)
-        name = node.props.id()
+        written = name = node.props.id()
         while not name or name in seen:
             number = counts.get(kind, 0)
             counts[kind] = number + 1
@@ -173,7 +173,8 @@ def _nodes(state: Any, files: list[str], texts: list[str]) -> Node:
             location = Location(files[node.file_index], bisect_right(starts[node.file_index], node.offset) + 1)
         plugin = node.props.plugin_name()
         # In a dict nothing but Mitsuba's own list of plugins tells kinds.
-        nodes.append(Node("texture" if plugin in OWN_TEXTURES else kind, plugin, name, location))
+        kind = "texture" if plugin in OWN_TEXTURES else kind
+        nodes.append(Node(kind, plugin, name, location, name=written or name))
     problems: list[Problem] = []
     ids = dict(state.id_to_index)
     for index, node in enumerate(raw):

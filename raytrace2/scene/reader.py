@@ -86,7 +86,7 @@ def _describe(parsed: ParsedScene) -> SceneDescription:
             for item in items[count:]:
                 reading.results[id(node)] = item
     live = _scene_properties(root, shapes, reading)
-    names = [(node.id, reading.results[id(node)]) for _, node in root.children if id(node) in reading.results]
+    names = [(node.name, reading.results[id(node)]) for _, node in root.children if id(node) in reading.results]
     _unknown_plugins(root, parsed, reading, set())
     if reading.problems:
         raise SceneError(sorted(reading.problems, key=_place))

@@ -107,18 +107,11 @@ class TracedScene:
     def loose(self) -> frozenset[Place]:
         """Live places that something follows from which no slot holds: tables are made anew when these change."""
         held = {place for slot in self.slots for place in slot.places}
-        emitting = {
-            p
-            for shape in self._shapes
-            if shape.emitter is not None
-            for field in ("vertices", "normals", "uv", "to_world")
-            if (p := self.live.place(shape, field)) is not None
-        }
         maps = [m.bsdf for s in self._shapes for m in reliefs(s.bsdf) if m is not None]
         images = [m.texture if isinstance(m, description.BumpMapBsdf) else m.normalmap for m in maps]
         in_maps = {p for m in images for f in ("pixels", "to_uv", "value") if (p := self.live.place(m, f)) is not None}
         everywhere = {p for p in self.live.places if not isinstance(p.owner, description.Camera)}
-        return frozenset(everywhere - held | emitting | in_maps)
+        return frozenset(everywhere - held | in_maps)
 
     def refresh(self, structure: Structure) -> bool:
         """Takes the present values; ``structure`` is that of where surfaces are now. False if that takes new tables."""

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from raytrace2 import accel, scenes
+from raytrace2.accel import spatial_split
 from raytrace2.accel.binary_tree import BinaryTree
 from raytrace2.accel.binned_sah import build_binned_sah
 from raytrace2.accel.collapse import collapse
+from raytrace2.accel.spatial import build_spatial
 from raytrace2.accel.tangles import BUDGET, find_tangles, untangled
 from raytrace2.surfaces.mesh import TriangleMesh
 from raytrace2.surfaces.quadrics import Sphere
@@ -114,3 +116,15 @@ def test_refitted_tangles_meet_what_brute_force_meets() -> None:
     a, b = accel.build(moved, "brute_force").intersect(ray), built.refit(moved).intersect(ray)
     for field in ("t", "prim", "uv"):
         np.testing.assert_array_equal(getattr(a, field).numpy(), getattr(b, field).numpy(), err_msg=field)
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_cuts_do_not_depend_on_how_many_lanes_look_for_them(precision: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    parts = nested(1500).primitives(types(precision))
+    trees = []
+    for large, chunk in ((10**9, 1), (100, 7)):
+        monkeypatch.setattr(spatial_split, "LARGE", large)
+        monkeypatch.setattr(spatial_split, "CHUNK", chunk)
+        trees.append(build_spatial(parts, 1.0))
+    for field in ("lo", "hi", "left", "first", "count", "order"):
+        np.testing.assert_array_equal(getattr(trees[0], field), getattr(trees[1], field))

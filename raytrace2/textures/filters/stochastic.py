@@ -12,11 +12,12 @@ from ...errors import SettingError
 from ...types import types_of
 from ..filter_settings import FilterSettings
 from .axes import principal_axes, shape, variance, width
+from .bicubic import bicubic
 from .bicubic import weights as cubic_weights
-from .ewa import each_texel, ellipse_of, mixture, texel_at
-from .point import nearest
-from .probes import probe_line
-from .trilinear import split_level
+from .ewa import each_texel, ellipse_of, ewa, mixture, texel_at
+from .point import bilinear, nearest
+from .probes import probe_line, probes
+from .trilinear import split_level, trilinear, trilinear_shorter
 
 # Of each of two random numbers so many values choose the place in a pixel, and the rest of it chooses the texel.
 _PLACES = 4096
@@ -28,10 +29,18 @@ def stochastic(bitmaps: Any, image: Any, uv: Any, footprint: Any, settings: Filt
     The mean over random numbers is what the filter gives. ``bicubic`` has negative weights: it reads two texels, one of
     each sign, so that a constant stays what it is. ``exact`` and ``exact2`` look up the bilinear texture at a place of
     the pixel. ``SettingError`` where no random numbers are given.
+
+    Derivatives are those of the filter itself, as a choice has none; of ``exact`` and ``exact2`` those of the bilinear
+    texture at the place that was chosen, whose mean they are.
     """
     if footprint.random is None:
         raise SettingError(f"stochastic texture filters need random numbers, which {settings.of!r} itself does without")
-    return _CHOICES[settings.of](bitmaps, image, uv, footprint, settings, active)
+    choice = _CHOICES[settings.of]
+    if not dr.grad_enabled(uv, footprint, bitmaps.buffers):
+        return choice(bitmaps, image, uv, footprint, settings, active)
+    with dr.suspend_grad():
+        chosen = choice(bitmaps, image, uv, footprint, settings, active)
+    return dr.replace_grad(chosen, _MEANS[settings.of](bitmaps, image, uv, footprint, settings, active))
 
 
 def _nearest(bitmaps: Any, image: Any, uv: Any, footprint: Any, settings: FilterSettings, active: Any) -> Any:
@@ -138,16 +147,34 @@ def _ewa(bitmaps: Any, image: Any, uv: Any, footprint: Any, settings: FilterSett
 
 
 def _exact(bitmaps: Any, image: Any, uv: Any, footprint: Any, settings: FilterSettings, active: Any) -> Any:
+    at, r, s = _affine_place(image, uv, footprint, settings)
+    return _one_of_four(bitmaps, image, at, r, s, active)
+
+
+def _exact_mean(bitmaps: Any, image: Any, uv: Any, footprint: Any, settings: FilterSettings, active: Any) -> Any:
+    return bilinear(bitmaps, image, _affine_place(image, uv, footprint, settings)[0], active=active)
+
+
+def _affine_place(image: Any, uv: Any, footprint: Any, settings: FilterSettings) -> tuple[Any, Any, Any]:
     x, y, r, s = _place_in_pixel(footprint.random, settings)
-    return _one_of_four(bitmaps, image, _moved(image, uv, x * footprint.dx + y * footprint.dy), r, s, active)
+    return _moved(image, uv, x * footprint.dx + y * footprint.dy), r, s
 
 
 def _exact2(bitmaps: Any, image: Any, uv: Any, footprint: Any, settings: FilterSettings, active: Any) -> Any:
+    at, r, s = _curved_place(image, uv, footprint, settings)
+    return _one_of_four(bitmaps, image, at, r, s, active)
+
+
+def _exact2_mean(bitmaps: Any, image: Any, uv: Any, footprint: Any, settings: FilterSettings, active: Any) -> Any:
+    return bilinear(bitmaps, image, _curved_place(image, uv, footprint, settings)[0], active=active)
+
+
+def _curved_place(image: Any, uv: Any, footprint: Any, settings: FilterSettings) -> tuple[Any, Any, Any]:
     x, y, r, s = _place_in_pixel(footprint.random, settings)
     offset = x * footprint.dx + y * footprint.dy
     if footprint.dxx is not None:
         offset += 0.5 * x * x * footprint.dxx + x * y * footprint.dxy + 0.5 * y * y * footprint.dyy
-    return _one_of_four(bitmaps, image, _moved(image, uv, offset), r, s, active)
+    return _moved(image, uv, offset), r, s
 
 
 def _moved(image: Any, uv: Any, texels: Any) -> Any:
@@ -193,4 +220,18 @@ _CHOICES = {
     "ewa": _ewa,
     "exact": _exact,
     "exact2": _exact2,
+}
+
+# What the choices are in the mean.
+_MEANS = {
+    "nearest": nearest,
+    "bilinear": bilinear,
+    "bicubic": bicubic,
+    "mip_distance": trilinear,
+    "trilinear": trilinear,
+    "trilinear_shorter": trilinear_shorter,
+    "probes": probes,
+    "ewa": ewa,
+    "exact": _exact_mean,
+    "exact2": _exact2_mean,
 }
