@@ -83,8 +83,10 @@ class Autodiff:
         )  # fmt: skip
         moved = RayDifferential(memory.p[0], d_dx, memory.p[1], d_dy, state.flags)
         changes = wo_dx.z, wo_dy.z
-        lobe = Lobe.of(si, sample)
-        return trusted_ray(memory.trust, lobe, sample, dr.detach(sample.wo.z), changes, moved, onward, self._spacing)
+        sample = dr.detach(sample)
+        return trusted_ray(
+            memory.trust, Lobe.of(si, sample), sample, sample.wo.z, changes, moved, onward, self._spacing
+        )
 
 
 def _turn(n: Any, n_moved: Any, v: Any) -> Any:

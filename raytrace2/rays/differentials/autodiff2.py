@@ -105,7 +105,7 @@ class Autodiff2:
         memory = meeting.memory
         _, d, _, d_x, _, d_y = memory.tangents.inputs
         n = meeting.scatter.sh_frame.n
-        lobe = Lobe.of(meeting.si, sample)
+        lobe = Lobe.of(meeting.si, dr.detach(sample))
         d_dx, d_dy = (lobe.moved(d, n, v, turn) for v, turn in zip((d_x, d_y), memory.n, strict=True))
         (o_dxx, o_dxy, d_dxx, d_dxy, cos_dx), (_, o_dyy, _, d_dyy, cos_dy) = memory.tangents.of(
             (*memory.p, d_dx, d_dy, type(ray.d.x)(sample.wo.z))
@@ -113,10 +113,9 @@ class Autodiff2:
         o_dx, d_dx, o_dy, d_dy = (dr.detach(v) for v in (memory.p[0], d_dx, memory.p[1], d_dy))
         moved = RayDifferential(o_dx, d_dx, o_dy, d_dy, state.flags)
         changes = cos_dx, cos_dy
-        first = trusted_ray(
-            memory.trust, lobe, sample, dr.detach(sample.wo.z), changes, moved, dr.detach(ray), self._spacing
-        )
-        smooth = dr.detach(sample.delta) & (first.flags == 0)
+        sample = dr.detach(sample)
+        first = trusted_ray(memory.trust, lobe, sample, sample.wo.z, changes, moved, dr.detach(ray), self._spacing)
+        smooth = sample.delta & (first.flags == 0)
 
         def kept(v: Any) -> Any:
             return dr.select(smooth & dr.all(dr.isfinite(v)), v, 0)

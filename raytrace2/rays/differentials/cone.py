@@ -62,7 +62,7 @@ class Cone:
     def leave(self, meeting: Meeting, sample: Any, ray: Ray, state: Beam) -> Beam:
         """The cone of ``ray``, which goes on from the meeting as ``sample`` says."""
         memory, n = meeting.memory, meeting.si.sh_frame.n
-        lobe = Lobe.of(meeting.si, sample)
+        lobe = Lobe.of(dr.detach(meeting.si), dr.detach(sample))
         # d' = r d + m n: what spread there was counts r times, the turn of the normal m times.
         r: Any = type(memory.width)(1)
         if lobe.ratio is not None:

@@ -82,7 +82,7 @@ class Finite:
     def leave(self, meeting: Meeting, sample: Any, ray: Ray, state: OffsetRays) -> OffsetRays:
         """The rays beside ``ray``, which goes on from the meeting as ``sample`` says."""
         si, memory = meeting.si, meeting.memory
-        lobe = Lobe.of(si, sample)
+        lobe = Lobe.of(dr.detach(si), dr.detach(sample))
         flags = memory.flags
         cos = dr.dot(ray.d, si.sh_frame.n)
         delta = dr.detach(sample.delta)

@@ -25,12 +25,10 @@ class Lobe:
     @staticmethod
     def of(si: Any, sample: Any) -> Lobe:
         """That of ``sample``, which was taken at ``si``."""
-        null = dr.detach(sample.null)
-        eta = dr.detach(sample.eta)
+        null, eta = sample.null, sample.eta
         if _is_one(eta):
             return Lobe(null, type(null)(False), None)
-        wi, wo = dr.detach(si.wi), dr.detach(sample.wo)
-        return Lobe(null, ~null & (wi.z * wo.z < 0), dr.rcp(eta))
+        return Lobe(null, ~null & (si.wi.z * sample.wo.z < 0), dr.rcp(eta))
 
     def onward(self, d: Any, n: Any) -> Any:
         """The direction that goes on. Where refraction is impossible, it grazes."""

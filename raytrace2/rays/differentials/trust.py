@@ -78,13 +78,12 @@ def trusted_ray(
         flags = flags | flag(total & lobe.transmitted, TOTAL_REFLECTION)
         d_dx = dr.select(lobe.transmitted, d_dx * shrink_x, d_dx)
         d_dy = dr.select(lobe.transmitted, d_dy * shrink_y, d_dy)
-    wide_x, wide_y = widened(dr.detach(ray.d), dr.detach(sample.pdf), spacing)
-    delta = dr.detach(sample.delta)
+    wide_x, wide_y = widened(ray.d, sample.pdf, spacing)
     return RayDifferential(
         _finite(moved.o_dx * x),
-        dr.select(delta, _finite(d_dx * x), wide_x),
+        dr.select(sample.delta, _finite(d_dx * x), wide_x),
         _finite(moved.o_dy * y),
-        dr.select(delta, _finite(d_dy * y), wide_y),
+        dr.select(sample.delta, _finite(d_dy * y), wide_y),
         flags,
     )
 
