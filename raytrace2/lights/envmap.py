@@ -19,6 +19,7 @@ import drjit as dr
 import numpy as np
 
 from ..errors import FileError, Location, Problem, SceneError
+from ..live import STILL, Live
 from ..scene import description
 from ..textures.filter_settings import FilterSettings
 from ..types import Types, types_of
@@ -53,6 +54,7 @@ class EnvironmentMap:
         sphere: BoundingSphere,
         types: Types,
         settings: FilterSettings | None = None,
+        live: Live = STILL,
     ) -> EnvironmentMap:
         """Looked up as ``settings`` say.
 
@@ -67,7 +69,9 @@ class EnvironmentMap:
                 remedy="replace those pixels by finite values",
             )
         height, width = radiance.shape[:2]
-        filtered = FilteredMap(radiance, types, settings) if settings is not None and settings.needs_footprint else None
+        filtered = None
+        if settings is not None and settings.needs_footprint:
+            filtered = FilteredMap(radiance, types, settings, live.has(light, "pixels", "scale"))
         sines = np.sin(np.arange(height) * (pi / (height - 1)))
         # A density of 0 at the poles would never find a bright pole beside a dark row, and give it unbounded weights.
         sines[[0, -1]] = sin(pi / (4 * (height - 1)))

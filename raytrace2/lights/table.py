@@ -22,6 +22,7 @@ from .area import AreaLights
 from .constant import ConstantEnvironment
 from .directional import DirectionalLights
 from .envmap import EnvironmentMap
+from .envmap_live import envmap_slots
 from .infinite import BoundingSphere
 from .live import constant_slots, directional_slots, point_slots, spot_slots
 from .point import PointLights
@@ -78,7 +79,7 @@ class LightTable:
         area_table = AreaLights.build([shape for _, shape in area], textures, types) if area else None
         environment: list[ConstantEnvironment | EnvironmentMap] = [
             *(ConstantEnvironment.build(x, sphere, types) for x in constant),
-            *(EnvironmentMap.build(x, sphere, types, textures.settings) for x in envmap),
+            *(EnvironmentMap.build(x, sphere, types, textures.settings, textures.live) for x in envmap),
         ]
         tables: list[tuple[Any, int]] = []
         slots: list[Slot] = []
@@ -98,6 +99,9 @@ class LightTable:
         for sky, made in zip(constant, environment, strict=False):
             if isinstance(made, ConstantEnvironment):
                 slots += constant_slots(made, sky, textures.live)
+        for image, made in zip(envmap, environment, strict=False):
+            if isinstance(made, EnvironmentMap):
+                slots += envmap_slots(made, image, textures.live)
 
         count = len(lights) + len(area)
         kinds, first = [], 0

@@ -31,9 +31,13 @@ def flat(value: Any) -> Any:
 
 def buffers(scene: rt.Scene, filter: FilterSettings | None) -> Any:
     traced = scene.traced("brute_force", "float64", filter)
-    pairs = zip(traced.slots, traced.live_values(), strict=True)
-    # How often samples are drawn has no derivatives.
-    values = [value for slot, value in pairs if slot.attribute not in ("chances", "areas", "rows", "columns")]
+    values = []
+    for slot, value in zip(traced.slots, traced.live_values(), strict=True):
+        # How often samples are drawn has no derivatives; of an environment's texels it is the fourth word.
+        if slot.attribute == "texels":
+            value = dr.select(dr.arange(T64.UInt, dr.width(value)) % 4 == 3, 0, value)
+        if slot.attribute not in ("chances", "areas", "rows", "columns"):
+            values.append(value)
     for sensor, settings in enumerate(scene.cameras):
         slots = live_camera(scene, sensor, settings, T64)[1]
         values += [slot.made(scene.store.values(T64)) for slot in slots]
