@@ -83,7 +83,7 @@ class EnvironmentMap:
         cells = 0.25 * (across[:-1] + across[1:])
         mean = cells.mean()
         density = density / mean if peak > 0 else density
-        rotation = _rotation(light)
+        rotation = check_rotation(light)
         return EnvironmentMap(
             types,
             sphere,
@@ -170,7 +170,8 @@ def _padded(pixels: np.ndarray) -> np.ndarray:
     return np.pad(pixels, ((0, rows), (0, columns), (0, 0)), mode="edge")
 
 
-def _rotation(light: description.EnvironmentLight) -> np.ndarray:
+def check_rotation(light: description.EnvironmentLight) -> np.ndarray:
+    """The rotation of ``light``; ``SceneError`` if its ``to_world`` is none but for an even scale."""
     linear = np.asarray(light.to_world, dtype=np.float64)[:3, :3]
     rotation: np.ndarray = linear / max(abs(np.linalg.det(linear)) ** (1 / 3), np.finfo(float).tiny)
     if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-4):

@@ -109,7 +109,9 @@ class ReliefFrames:
         self._live_scales: dict[int, Place] = {}
         # The gradient of a nearest texel is zero.
         flat = settings is not None and settings.name == "nearest"
-        flags, places, scales = [], [], []
+        flags: list[int] = []
+        places: list[int] = []
+        scales: list[float] = []
         for relief in entries:
             bump = relief is not None and isinstance(relief.bsdf, BumpMapBsdf)
             among: list[Any] = bumps if bump else normals

@@ -95,7 +95,8 @@ class SceneParameters(Mapping[str, Any]):
         for key in changed:
             dr.make_opaque(self._values[key])
         try:
-            self._check(changed)
+            if not dr.flag(dr.JitFlag.FreezingScope):
+                self._check(changed)
             known = [self._known[key] for key in changed]
             self.scene.assign([(p.key, p.place, p.field, self._values[p.key]) for p in known])
         except ValueError:
