@@ -22,8 +22,9 @@ _WIDE = types("float64")
 def envmap_slots(table: Any, light: description.EnvironmentLight, live: Live) -> list[Slot]:
     """The slots of ``table`` (:class:`~.envmap.EnvironmentMap`), made of ``light``."""
     found: list[Slot] = []
-    sky = _Sky(light, live, table.types)
-    if sky.places:
+    # Smaller images are padded in the table.
+    if live.has(light, "pixels", "scale") and light.pixels.shape[0] >= 3 and light.pixels.shape[1] >= 2:
+        sky = _Sky(light, live, table.types)
         for name, make in (("texels", sky.texels), ("rows", sky.rows), ("columns", sky.columns)):
             found.append(Slot.of(table, name, sky.places, make, moves=False))
         if table.filtered is not None:
