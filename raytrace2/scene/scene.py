@@ -37,6 +37,8 @@ _QUADRICS: dict[type[description.Shape], type[Surface]] = {
 
 
 _Key: TypeAlias = tuple[str, str, str]
+#: A hierarchy whose boxes have become so much dearer than they were at first is built anew.
+_WORN = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,12 +99,14 @@ class Scene:
             self._traced[key, filter] = known
         return known
 
-    def assign(self, values: Sequence[tuple[str, Place, Field, Any]]) -> None:
-        """Gives places new values, each with its name and kind. ``GeometryError`` or ``SceneError`` for what cannot be;
-        then nothing has changed."""
+    def assign(self, values: Sequence[tuple[str, Place, Field, Any]], *, checked: bool = True) -> None:
+        """Gives places new values, each with its name and kind. ``GeometryError`` or ``SceneError`` for what cannot be,
+        where that is ``checked``; then nothing has changed."""
         before = dict(self.store.entries)
         for key, place, field, value in values:
             self.store.set(place, field, key, value)
+        if not checked:
+            return
         owners = {id(place.owner) for _, place, _, _ in values}
         try:
             for shape in _leaf_shapes(self.description.shapes):
@@ -178,6 +182,8 @@ class Scene:
         after: Structure
         if isinstance(before, Bvh):
             after = before.refit(items)
+            if after.statistics()["refit"]["sah_cost_ratio"] > _WORN:
+                after = build(items, accel, precision=precision, intersection=intersection)  # type: ignore[arg-type]
         else:
             after = build(items, accel, precision=precision, intersection=intersection)  # type: ignore[arg-type]
         after.geometry.adopt_shading(before.geometry)

@@ -100,8 +100,8 @@ class TracedScene:
                 raise SettingError(
                     f"{key}: there are no derivatives by it in this scene with these settings; dr.disable_grad it"
                 )
-        values = self.store.values(self.types)
-        return [slot.made(values) for slot in self.slots]
+        values, some = self.store.values(self.types), set(self.store.with_derivatives())
+        return [slot.value if some.isdisjoint(slot.places) else slot.made(values) for slot in self.slots]
 
     @functools.cached_property
     def loose(self) -> frozenset[Place]:
