@@ -42,7 +42,8 @@ def markdown(found: Found, traded: Traded, counts: Counts, broken: dict[str, Any
 def _about(c: Counts) -> str:
     return (
         f"Closed meshes of {20 * 4**c.levels:,} faces; {c.aimed:,} rays at vertices and edges, {c.random:,} random, "
-        f"{c.other:,} of other kinds; a structure that needs more than {c.longest:g} s for a figure gets fewer. Leaks "
+        f"{c.other:,} of other kinds; a structure that needs more than {c.longest:g} s for a figure gets fewer (but "
+        f"the bvh in float32, and Embree, all those that may leak). Leaks "
         f"are settled in exact arithmetic. 'ours' is the worst of all structures; 'agree': all structures give the "
         f"same bits of t, primitive and barycentrics on the rays that they share."
     )

@@ -15,13 +15,16 @@ from .sweep import FEW, Counts, Record
 from .tracers import Loaded, Tracer
 
 #: Runs of which the best counts.
-_REPEAT = 3
+_REPEAT = 5
 
 #: A build that takes fewer seconds is made twice.
 _QUICK = 0.5
 
 #: Rays of which it is asked how many boxes they meet.
 _LOOKED_AT = 64
+
+#: Seconds that a run need not go beyond.
+_LONGEST = 0.1
 
 #: Rays of the first run, which tells how many a case may have.
 _PROBE = 32
@@ -114,7 +117,7 @@ class _Run:
         scene.closest(case.o[:_PROBE], case.d[:_PROBE])
         run = _Run(scene, case, _PROBE, math.inf)
         run.again()
-        while run.count < len(case.o) and run.best * run.count < longest / 8:
+        while run.count < len(case.o) and run.best * run.count < min(longest / 8, _LONGEST):
             run = _Run(scene, case, min(len(case.o), run.count * 8), math.inf)
             run.again()
         return run
