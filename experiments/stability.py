@@ -5,8 +5,9 @@ the times of extreme cases, and what each safety costs.
     python experiments/stability.py [--scale 1] [--only WORD ...] [--structures KIND ...] [--out out]
 
 Writes stability.md and stability.png; takes the row of broken files from what experiments/hostile_input.py
-left in the same folder. Interrupted, it goes on where it was; measurements of other code or settings are
-made anew. ``raytrace2 stability`` does the same with small counts.
+left in the same folder. Interrupted, it goes on where it was, row by row; structures that are added later are measured
+alone; measurements of other code or settings are made anew. The bvh in float32 and Embree get every ray at vertices and
+edges, the others as many as --longest allows. ``raytrace2 stability`` does the same with small counts.
 """
 
 from __future__ import annotations

@@ -24,6 +24,8 @@ from .surfaces.mesh import TriangleMesh  # noqa: E402
 from .surfaces.quadrics import Cylinder, Disk, Rectangle, Sphere  # noqa: E402
 from .surfaces.surface import Surface  # noqa: E402
 from .textures.filter_settings import filter_names  # noqa: E402
+from .textures.laplacian_pyramid import LaplacianPyramid  # noqa: E402
+from .textures.total_variation import total_variation  # noqa: E402
 
 __all__ = [
     "Comparison",
@@ -34,6 +36,7 @@ __all__ = [
     "GeometryError",
     "Hit",
     "Instance",
+    "LaplacianPyramid",
     "Ray",
     "RayTraceError",
     "Rectangle",
@@ -54,6 +57,7 @@ __all__ = [
     "load_string",
     "render",
     "scenes",
+    "total_variation",
     "traverse",
 ]
 

@@ -55,6 +55,11 @@ def compare(
         raise RayTraceError(
             "this scene was not loaded by rt.load_file, load_string or load_dict: Mitsuba cannot load it"
         )
+    if scene.store.entries:
+        names = ", ".join(sorted(entry.key for entry in scene.store.entries.values())[:3])
+        raise RayTraceError(
+            f"{names} changed since this scene was loaded, which Mitsuba does anew; compare it unchanged"
+        )
     settings = choose_integrator(scene, integrator)
     if settings.kind == "aov":
         if settings.nested is None:

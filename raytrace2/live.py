@@ -43,6 +43,11 @@ class Live:
         """Whether the value of any of ``fields`` may change."""
         return any(self.place(owner, field) is not None for field in fields)
 
+    def standing_for(self, others: Sequence[Any], owners: Sequence[Any]) -> Live:
+        """What is live of ``others``, descriptions made of ``owners`` one by one."""
+        pairs = zip(others, owners, strict=True)
+        return Live(self.places, {id(other): self._originals.get(id(owner), owner) for other, owner in pairs})
+
 
 #: Nothing changes.
 STILL = Live()
@@ -84,6 +89,16 @@ class Slot:
     def made(self, values: Values) -> Any:
         """What kernels shall read for ``values``, with derivatives by those that carry any."""
         return self.base if self.make is None else self.make(self.base, values)
+
+
+def derived(slots: Iterable[Slot], places: Iterable[Place], through: Callable[[Values], Values]) -> list[Slot]:
+    """``slots`` whose values are not those of ``places`` but made of them: what ``through`` gives."""
+    all_places = tuple(places)
+
+    def wrapped(slot: Slot) -> Callable[[Any, Values], Any]:
+        return lambda base, values: slot.made(through(values))
+
+    return [Slot(s.holder, s.attribute, s.moves, all_places, wrapped(s), s.base) for s in slots]
 
 
 @contextmanager

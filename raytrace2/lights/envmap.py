@@ -19,6 +19,7 @@ import drjit as dr
 import numpy as np
 
 from ..errors import FileError, Location, Problem, SceneError
+from ..live import STILL, Live
 from ..scene import description
 from ..textures.filter_settings import FilterSettings
 from ..types import Types, types_of
@@ -53,6 +54,7 @@ class EnvironmentMap:
         sphere: BoundingSphere,
         types: Types,
         settings: FilterSettings | None = None,
+        live: Live = STILL,
     ) -> EnvironmentMap:
         """Looked up as ``settings`` say.
 
@@ -67,7 +69,9 @@ class EnvironmentMap:
                 remedy="replace those pixels by finite values",
             )
         height, width = radiance.shape[:2]
-        filtered = FilteredMap(radiance, types, settings) if settings is not None and settings.needs_footprint else None
+        filtered = None
+        if settings is not None and settings.needs_footprint:
+            filtered = FilteredMap(radiance, types, settings, live.has(light, "pixels", "scale"))
         sines = np.sin(np.arange(height) * (pi / (height - 1)))
         # A density of 0 at the poles would never find a bright pole beside a dark row, and give it unbounded weights.
         sines[[0, -1]] = sin(pi / (4 * (height - 1)))
@@ -79,7 +83,7 @@ class EnvironmentMap:
         cells = 0.25 * (across[:-1] + across[1:])
         mean = cells.mean()
         density = density / mean if peak > 0 else density
-        rotation = _rotation(light)
+        rotation = check_rotation(light)
         return EnvironmentMap(
             types,
             sphere,
@@ -166,7 +170,8 @@ def _padded(pixels: np.ndarray) -> np.ndarray:
     return np.pad(pixels, ((0, rows), (0, columns), (0, 0)), mode="edge")
 
 
-def _rotation(light: description.EnvironmentLight) -> np.ndarray:
+def check_rotation(light: description.EnvironmentLight) -> np.ndarray:
+    """The rotation of ``light``; ``SceneError`` if its ``to_world`` is none but for an even scale."""
     linear = np.asarray(light.to_world, dtype=np.float64)[:3, :3]
     rotation: np.ndarray = linear / max(abs(np.linalg.det(linear)) ** (1 / 3), np.finfo(float).tiny)
     if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-4):

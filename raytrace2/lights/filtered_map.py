@@ -15,6 +15,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from ..live import STILL, Live, Place, Slot
 from ..rays.footprint import Footprint
 from ..scene.description import BitmapTexture
 from ..textures.bitmap import Bitmaps
@@ -23,18 +24,25 @@ from ..types import Types
 
 
 class FilteredMap:
-    """``radiance``: (height, width, 3), linear, its first and last rows the poles; at least 3 rows."""
+    """``radiance``: (height, width, 3), linear, its first and last rows the poles; at least 3 rows.
+    ``live``: it may change."""
 
-    def __init__(self, radiance: np.ndarray, types: Types, settings: FilterSettings) -> None:
+    def __init__(self, radiance: np.ndarray, types: Types, settings: FilterSettings, live: bool = False) -> None:
         height, width = radiance.shape[:2]
         beyond = _half_turned(radiance[-2:0:-1])
         pixels = np.concatenate([radiance, beyond]).astype(types.numpy)
         if settings.name == "stochastic":
             settings = replace(settings, name=settings.of)
-        self._bitmaps = Bitmaps([BitmapTexture(pixels, raw=True)], types, settings)
+        image = BitmapTexture(pixels, raw=True)
+        place = Place(image, "pixels")
+        self._bitmaps = Bitmaps([image], types, settings, Live([place]) if live else STILL)
         self._types = types
         self._row = dr.opaque(types.Float, 0.5 / len(pixels))
         self._per_theta = dr.opaque(types.Float, (height - 1) / (pi * len(pixels)))
+
+    def slots(self) -> list[Slot]:
+        """Those of the image laid twice around the sphere, the only value that they ask for, if it is live."""
+        return self._bitmaps.slots(moves=False)
 
     def eval(self, d: Any, turns: tuple[Any, Any], active: Any) -> Any:
         """Radiance (Array3f) around the local unit direction ``d``, which changes by ``turns``."""

@@ -21,7 +21,8 @@ from ..types import Types
 from .area import AreaLights
 from .constant import ConstantEnvironment
 from .directional import DirectionalLights
-from .envmap import EnvironmentMap
+from .envmap import EnvironmentMap, check_rotation
+from .envmap_live import envmap_slots
 from .infinite import BoundingSphere
 from .live import constant_slots, directional_slots, point_slots, spot_slots
 from .point import PointLights
@@ -67,7 +68,7 @@ class LightTable:
         afterwards. ``scene_bounds`` are the corners of the scene's box, float64 (3,). Raises ``SceneError`` naming
         every light that cannot be represented.
         """
-        _check(lights)
+        check_lights(lights)
         sphere = BoundingSphere.of_box(*scene_bounds, types)
         point = [x for x in lights if isinstance(x, description.PointLight)]
         spot = [x for x in lights if isinstance(x, description.SpotLight)]
@@ -78,7 +79,7 @@ class LightTable:
         area_table = AreaLights.build([shape for _, shape in area], textures, types) if area else None
         environment: list[ConstantEnvironment | EnvironmentMap] = [
             *(ConstantEnvironment.build(x, sphere, types) for x in constant),
-            *(EnvironmentMap.build(x, sphere, types, textures.settings) for x in envmap),
+            *(EnvironmentMap.build(x, sphere, types, textures.settings, textures.live) for x in envmap),
         ]
         tables: list[tuple[Any, int]] = []
         slots: list[Slot] = []
@@ -98,6 +99,9 @@ class LightTable:
         for sky, made in zip(constant, environment, strict=False):
             if isinstance(made, ConstantEnvironment):
                 slots += constant_slots(made, sky, textures.live)
+        for image, made in zip(envmap, environment, strict=False):
+            if isinstance(made, EnvironmentMap):
+                slots += envmap_slots(made, image, textures.live)
 
         count = len(lights) + len(area)
         kinds, first = [], 0
@@ -204,7 +208,8 @@ class LightTable:
         return self.area.pdf(p, si, light, active & (light != NO_LIGHT)) * self.chance
 
 
-def _check(lights: Sequence[description.Light]) -> None:
+def check_lights(lights: Sequence[description.Light]) -> None:
+    """``SceneError`` naming every light that cannot be."""
     problems = []
     infinite = [x for x in lights if isinstance(x, description.ConstantLight | description.EnvironmentLight)]
     if len(infinite) > 1:
@@ -222,5 +227,7 @@ def _check(lights: Sequence[description.Light]) -> None:
             problems.append(Problem(f"{name} without a direction", None, "give a direction other than 0 0 0"))
         elif isinstance(light, description.SpotLight) and not np.linalg.det(light.to_world[:3, :3]):
             problems.append(Problem(f"{name} with a to_world that cannot be inverted", None, "remove the zero scale"))
+        elif isinstance(light, description.EnvironmentLight):
+            check_rotation(light)
     if problems:
         raise SceneError(problems)

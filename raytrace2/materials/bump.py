@@ -9,6 +9,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from ..live import STILL, Live, Slot, Values, derived
 from ..scene.color import linear_pixels
 from ..scene.description import BitmapTexture, ConstantTexture, Texture
 from ..textures.bitmap import Bitmaps
@@ -21,12 +22,25 @@ _LUMINANCE = (0.212671, 0.715160, 0.072169)
 class Heights:
     """Height maps by place."""
 
-    def __init__(self, textures: Sequence[Texture], types: Types) -> None:
+    def __init__(self, textures: Sequence[Texture], types: Types, live: Live = STILL) -> None:
         maps = [height_map(texture) for texture in textures]
         if any(m.pixels.dtype != np.uint8 for m in maps):
             maps = [replace(m, pixels=linear_pixels(m), raw=True) for m in maps]
-        self._bitmaps = Bitmaps(maps, types)
-        self._to_uv = UvTransforms([m.to_uv for m in maps], types)
+        # A flat map stays flat, whatever it is made of.
+        live = live.standing_for(maps, [m if is_flat(t) else t for m, t in zip(maps, textures, strict=True)])
+        self._bitmaps = Bitmaps(maps, types, live=live)
+        self._to_uv = UvTransforms([m.to_uv for m in maps], types, [live.place(m, "to_uv") for m in maps])
+
+    def slots(self) -> list[Slot]:
+        """Those of live maps, of which colours count by their luminance."""
+
+        def through(values: Values) -> Values:
+            return lambda place: luminances(values(place)) if place.field == "pixels" else values(place)
+
+        found = [
+            changed for slot in self._bitmaps.slots(moves=True) for changed in derived([slot], slot.places, through)
+        ]
+        return found + self._to_uv.slots(moves=True)
 
     def gradient(self, place: Any, uv: Any, active: Any) -> Any:
         """The derivatives (Array2f) of the bilinear height by u and v of the surface.
@@ -57,15 +71,30 @@ class Heights:
 def height_map(texture: Texture) -> BitmapTexture:
     """``texture`` as an image of one channel: luminance of colours; a flat one for constants and for images that are
     looked up by their nearest texel. ``ValueError`` for what is no image."""
-    if isinstance(texture, ConstantTexture) or (
-        isinstance(texture, BitmapTexture) and texture.filter_type == "nearest"
-    ):
+    if is_flat(texture):
         return BitmapTexture(np.zeros((1, 1, 1), np.uint8), raw=True)
     if not isinstance(texture, BitmapTexture):
         raise ValueError(f"a {type(texture).__name__} has no gradient for a bump map; use a bitmap")
     if texture.pixels.shape[2] == 1:
         return texture
     return replace(texture, pixels=linear_pixels(texture) @ np.array(_LUMINANCE, np.float32)[:, None], raw=True)
+
+
+def is_flat(texture: Texture) -> bool:
+    """Whether a texture has no gradient anywhere."""
+    return isinstance(texture, ConstantTexture) or (
+        isinstance(texture, BitmapTexture) and texture.filter_type == "nearest"
+    )
+
+
+def luminances(image: Any) -> Any:
+    """An image (TensorXf) of one channel; itself if it has no more."""
+    if image.shape[2] == 1:
+        return image
+    Float = type(image.array)
+    texel = dr.arange(dr.uint32_array_t(Float), image.shape[0] * image.shape[1]) * 3
+    value = sum(dr.gather(Float, image.array, texel + k) * weight for k, weight in enumerate(_LUMINANCE))
+    return type(image)(value, (*image.shape[:2], 1))
 
 
 def tangent_slopes(dp_du: Any, dp_dv: Any) -> tuple[Any, Any]:

@@ -10,6 +10,7 @@ import drjit as dr
 import numpy as np
 
 from ..buffers import owned
+from ..live import Place, Slot, Values, put
 from ..scene.color import linear_pixels
 from ..scene.description import BitmapTexture, BumpMapBsdf, NormalMapBsdf
 from ..surfaces.frame import Frame, coordinate_system
@@ -95,7 +96,7 @@ class ReliefFrames:
         types = self._types = textures.types
         bumps = _unique([r.bsdf for r in entries if r and isinstance(r.bsdf, BumpMapBsdf)])
         normals = _unique([r.bsdf for r in entries if r and isinstance(r.bsdf, NormalMapBsdf)])
-        self._heights = Heights([b.texture for b in bumps], types) if bumps else None
+        self._heights = Heights([b.texture for b in bumps], types, textures.live) if bumps else None
         images = _one_format([b.normalmap for b in normals])
         settings = textures.settings
         self._moments: ReliefMoments | None = None
@@ -103,16 +104,22 @@ class ReliefFrames:
         if settings is not None and settings.needs_footprint:
             self._moments = ReliefMoments([b.texture for b in bumps], images, types, settings)
             point = None
-        self._normals = Bitmaps(images, types, point) if images else None
+        live = textures.live.standing_for(images, [b.normalmap for b in normals])
+        self._normals = Bitmaps(images, types, point, live) if images else None
+        self._live_scales: dict[int, Place] = {}
         # The gradient of a nearest texel is zero.
         flat = settings is not None and settings.name == "nearest"
-        flags, places, scales = [], [], []
+        flags: list[int] = []
+        places: list[int] = []
+        scales: list[float] = []
         for relief in entries:
             bump = relief is not None and isinstance(relief.bsdf, BumpMapBsdf)
             among: list[Any] = bumps if bump else normals
             place = 0 if relief is None else [id(b) for b in among].index(id(relief.bsdf))
             places.append(place)
             flags.append(_flags(relief))
+            if relief and not flat and (scaled := textures.live.place(relief.bsdf, "scale")) is not None:
+                self._live_scales[len(scales)] = scaled
             scales.append((0.0 if flat else bumps[place].scale) if bump else 1.0)
         self._flags = flags
         self._single = len(entries) == 1
@@ -120,8 +127,23 @@ class ReliefFrames:
         self._records: Any = (
             [owned(records[0, k], types.UInt) for k in (0, 1)] if self._single else owned(records, types.UInt)
         )
-        self._unscaled = all(scale == 1 for scale in scales)
+        self._unscaled = not self._live_scales and all(scale == 1 for scale in scales)
         self._scales = owned(np.array(scales, dtype=types.numpy), types.Float)
+
+    def slots(self) -> list[Slot]:
+        """Those of live maps and of how high they are, where no footprint is heeded."""
+
+        def make(base: Any, values: Values) -> Any:
+            buffer = type(base)(base)
+            for k, place in self._live_scales.items():
+                put(buffer, k, [values(place)])
+            return buffer
+
+        found = self._heights.slots() if self._heights else []
+        found += self._normals.slots(moves=True) if self._normals else []
+        if self._live_scales:
+            found.append(Slot.of(self, "_scales", self._live_scales.values(), make, moves=True))
+        return found
 
     def at(self, si: Any, wi: Any, entry: Any, active: Any, *, widens: bool = True, draws: bool = True) -> Reliefs:
         """The frames at ``si`` seen from ``wi`` (in the shading frame, on the side of ``entry``): one to widen

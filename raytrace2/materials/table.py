@@ -107,7 +107,7 @@ class MaterialTable:
         for leaf in self._leaves.values():
             if isinstance(leaf, Dielectric | ThinDielectric):
                 found += leaf.slots()
-        return found
+        return found + (self._reliefs.slots() if self._reliefs else [])
 
     def index_of(self, bsdf: Bsdf) -> int:
         """The index of ``bsdf``, one of those given to :meth:`build` (by identity); ``ValueError`` if it is not."""

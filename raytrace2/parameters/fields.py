@@ -53,6 +53,8 @@ class Number(Field):
 
     def coerced(self, key: str, given: Any, before: Any, types: Types) -> Any:
         value = _floats(key, given, types, 1, "one number")
+        if dr.flag(dr.JitFlag.FreezingScope):
+            return value
         if not self.above < float(dr.detach(value)[0]) < self.below:
             raise SettingError(f"{key} must lie between {self.above:g} and {self.below:g}, not {value[0]:g}")
         return value
@@ -142,6 +144,8 @@ class Direction(Transform):
 
     def coerced(self, key: str, given: Any, before: Any, types: Types) -> Any:
         value = coerced_matrix(key, given, 4, types)
+        if dr.flag(dr.JitFlag.FreezingScope):
+            return value
         if not any(float(dr.detach(value)[i, 2][0]) for i in range(3)):
             raise SettingError(f"{key} takes the direction of light, its third column, to nothing")
         return value
@@ -236,6 +240,8 @@ def coerced_matrix(key: str, given: Any, size: int, types: Types) -> Any:
             raise SettingError(f"{key} must be a {size}x{size} matrix, not of shape {array.shape}")
         entries = array.tolist()
     value = kind(*(_entry(key, e, types) for row in entries for e in row))
+    if dr.flag(dr.JitFlag.FreezingScope):
+        return value
     last = [float(dr.detach(value)[size - 1, j][0]) for j in range(size)]
     if last != [0.0] * (size - 1) + [1.0]:
         raise SettingError(f"{key} must be affine (last row {' '.join('0' * (size - 1))} 1), not {last}")

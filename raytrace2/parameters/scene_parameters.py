@@ -95,9 +95,12 @@ class SceneParameters(Mapping[str, Any]):
         for key in changed:
             dr.make_opaque(self._values[key])
         try:
-            self._check(changed)
+            # A function that is being frozen cannot look at values.
+            checked = not dr.flag(dr.JitFlag.FreezingScope)
+            if checked:
+                self._check(changed)
             known = [self._known[key] for key in changed]
-            self.scene.assign([(p.key, p.place, p.field, self._values[p.key]) for p in known])
+            self.scene.assign([(p.key, p.place, p.field, self._values[p.key]) for p in known], checked=checked)
         except ValueError:
             for key in changed:
                 self._values.pop(key, None)

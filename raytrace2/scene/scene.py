@@ -9,9 +9,11 @@ from typing import Any, TypeAlias
 from ..accel.build import build
 from ..accel.bvh import Bvh
 from ..errors import GeometryError, Problem, SceneError
+from ..lights.table import check_lights
 from ..live import Place
 from ..parameters.fields import Field
 from ..parameters.store import Store
+from ..rays.camera import make_camera
 from ..surfaces.door import origin_of
 from ..surfaces.hit import Hit
 from ..surfaces.instance import Instance
@@ -22,7 +24,7 @@ from ..surfaces.structure import Structure
 from ..surfaces.surface import Surface
 from ..surfaces.transforms import checked_transform
 from ..textures.filter_settings import FilterSettings
-from ..types import types_of
+from ..types import types, types_of
 from . import description
 from .traced import TracedScene
 
@@ -35,6 +37,8 @@ _QUADRICS: dict[type[description.Shape], type[Surface]] = {
 
 
 _Key: TypeAlias = tuple[str, str, str]
+#: A hierarchy whose boxes have become so much dearer than they were at first is built anew.
+_WORN = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,18 +99,26 @@ class Scene:
             self._traced[key, filter] = known
         return known
 
-    def assign(self, values: Sequence[tuple[str, Place, Field, Any]]) -> None:
-        """Gives places new values, each with its name and kind. ``GeometryError`` for shapes that cannot be; then
-        nothing has changed."""
+    def assign(self, values: Sequence[tuple[str, Place, Field, Any]], *, checked: bool = True) -> None:
+        """Gives places new values, each with its name and kind. ``GeometryError`` or ``SceneError`` for what cannot be,
+        where that is ``checked``; then nothing has changed."""
         before = dict(self.store.entries)
         for key, place, field, value in values:
             self.store.set(place, field, key, value)
+        if not checked:
+            return
+        owners = {id(place.owner) for _, place, _, _ in values}
         try:
             for shape in _leaf_shapes(self.description.shapes):
-                self._surface(shape, self.store.current(shape))
+                if id(shape) in owners:
+                    self._surface(shape, self.store.current(shape))
             for shape in self.description.shapes:
-                if isinstance(shape, description.InstanceShape):
+                if isinstance(shape, description.InstanceShape) and id(shape) in owners:
                     checked_transform(self.store.current(shape).to_world, shape.id)
+            check_lights([self.store.current(light) for light in self.description.lights if id(light) in owners])
+            for camera in self.description.cameras:
+                if id(camera) in owners:
+                    make_camera(self.store.current(camera), types("float64"))
         except ValueError:
             self.store.restore(before)
             raise
@@ -170,6 +182,8 @@ class Scene:
         after: Structure
         if isinstance(before, Bvh):
             after = before.refit(items)
+            if after.statistics()["refit"]["sah_cost_ratio"] > _WORN:
+                after = build(items, accel, precision=precision, intersection=intersection)  # type: ignore[arg-type]
         else:
             after = build(items, accel, precision=precision, intersection=intersection)  # type: ignore[arg-type]
         after.geometry.adopt_shading(before.geometry)

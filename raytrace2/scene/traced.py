@@ -100,16 +100,19 @@ class TracedScene:
                 raise SettingError(
                     f"{key}: there are no derivatives by it in this scene with these settings; dr.disable_grad it"
                 )
-        values = self.store.values(self.types)
-        return [slot.made(values) for slot in self.slots]
+        values, some = self.store.values(self.types), set(self.store.with_derivatives())
+        return [slot.value if some.isdisjoint(slot.places) else slot.made(values) for slot in self.slots]
 
     @functools.cached_property
     def loose(self) -> frozenset[Place]:
         """Live places that something follows from which no slot holds: tables are made anew when these change."""
         held = {place for slot in self.slots for place in slot.places}
-        maps = [m.bsdf for s in self._shapes for m in reliefs(s.bsdf) if m is not None]
-        images = [m.texture if isinstance(m, description.BumpMapBsdf) else m.normalmap for m in maps]
-        in_maps = {p for m in images for f in ("pixels", "to_uv", "value") if (p := self.live.place(m, f)) is not None}
+        in_maps: set[Place] = set()
+        if self.filter is not None and self.filter.needs_footprint:
+            maps = [m.bsdf for s in self._shapes for m in reliefs(s.bsdf) if m is not None]
+            images = [m.texture if isinstance(m, description.BumpMapBsdf) else m.normalmap for m in maps]
+            fields = [(m, f) for m in images for f in ("pixels", "to_uv", "value")] + [(m, "scale") for m in maps]
+            in_maps = {p for owner, field in fields if (p := self.live.place(owner, field)) is not None}
         everywhere = {p for p in self.live.places if not isinstance(p.owner, description.Camera)}
         return frozenset(everywhere - held | in_maps)
 

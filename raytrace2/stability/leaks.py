@@ -22,7 +22,11 @@ WHOLE = ("bvh", "Embree default", "Embree robust")
 
 def leaks(closed: Closed, aimed: Aimed, answer: Answer) -> int:
     """How many rays miss what they meet in exact arithmetic: the faces around the target, or the mesh from inside."""
-    suspects = np.flatnonzero(~(answer.t <= aimed.reach) | ~np.isfinite(answer.t))
+    missed = ~(answer.t <= aimed.reach) | ~np.isfinite(answer.t)
+    if aimed.near is not None:
+        # A face seen edge-on may be met farther along the ray than its corner lies.
+        missed &= ~(np.isfinite(answer.t)[:, None] & (aimed.near == answer.prim[:, None])).any(axis=1)
+    suspects = np.flatnonzero(missed)
     if len(suspects) == 0:
         return 0
     rays = aimed[suspects]

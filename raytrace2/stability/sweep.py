@@ -36,7 +36,7 @@ class Counts:
     seed: int = 0
 
 
-FULL = Counts(10_000_000, 1_000_000, 100_000, 10, 5, 300_000, 4.0, 2)
+FULL = Counts(10_000_000, 1_000_000, 100_000, 10, 5, 1_000_000, 2.0, 2)
 
 
 def load(tracers: Sequence[Tracer], surfaces: Sequence[Surface]) -> dict[str, Loaded]:

@@ -1,12 +1,14 @@
 """The watertight ray-triangle test of Woop, Benthin and Wald (JCGT 2(1), 2013), with exact signs.
 
 Vertices are moved to the ray's origin and sheared so that the ray becomes an axis; the triangle is hit when the origin
-lies inside its shadow in the plane across that axis. Each vertex has one shadow, whichever triangle it is met
-from, and an edge function is a difference of two products that is never wrong in its sign, nor in more than its last
-bits (Kahan's algorithm). Hence the shadows of a closed mesh cover the plane without a gap, and no ray slips between
-triangles that share an edge or a vertex; and where a triangle is seen all but edge-on, the weights of its vertices are
-still those of a point on the ray, so that every structure finds it where its box lies. The published test has edge
-functions of nothing but rounding there.
+lies inside its shadow in the plane across that axis. An edge function is a difference of two products; where it is so
+near zero that the rounding of shadows and products might have turned its sign, more digits decide: in float32 those of
+the exact determinant, so that a ray meets a triangle if and only if it does so in exact arithmetic; in float64 Kahan's
+algorithm, never wrong in its sign for the shadows as rounded. Each vertex has one shadow, whichever triangle it is met
+from: hence shadows of a closed mesh cover the plane without a gap, and no ray slips between triangles that share an
+edge or a vertex. Where a triangle is seen all but edge-on, the weights of its vertices are still those of a point on
+the ray, so that every structure finds it where its box lies. The published test has edge functions of nothing but
+rounding there.
 """
 
 from __future__ import annotations
@@ -18,45 +20,52 @@ import drjit as dr
 
 from ..types import types_of
 from .compensated import difference_of_products, sum_of, two_product, two_sum
+from .exact_edges import meeting_in_float64, weights
 from .ordered import greater, lesser
 
 #: In units of round-off of how far the triangle is, how far off it t may put a hit; boxes are widened by more.
 ASIDE = 8
 
+#: In units of round-off: how far off the shadow of a vertex may be, times the sum of its coordinates there, and times
+#: the product of its distance and the slope of the ray; for the two vertices of an edge, and with their products'.
+BLUR = 7, 9
+
 
 @dataclass
 class Shear:
-    """Per ray: the rows ``u`` and ``v`` that span the shadow plane; the unit vector ``along`` of the direction's
-    largest component; that component of the direction, its reciprocal, and that of the origin."""
+    """Per ray: whether its direction's largest component is ``x``, or else ``z``; the two slopes that take points along
+    the ray to the shadow plane; that component of the direction, and its reciprocal; the origin's components across it
+    and along it; and how far off the slopes and the distance along them may put a shadow, for each unit of that."""
 
-    u: Any
-    v: Any
-    along: Any
+    x: Any
+    z: Any
+    slope_u: Any
+    slope_v: Any
     d: Any
     inverse: Any
     o: Any
+    blur: Any
+
+    def axes(self, v: Any) -> tuple[Any, Any, Any]:
+        """The components of ``v`` across the largest one of the direction, and that one."""
+        return dr.select(self.x, v[1], v[0]), dr.select(self.z, v[1], v[2]), self.along(v)
+
+    def along(self, v: Any) -> Any:
+        """The component of ``v`` that is the direction's largest."""
+        return dr.select(self.x, v[0], dr.select(self.z, v[2], v[1]))
 
 
 def shear_of(ray: Any) -> Shear:
-    """The shear of each ray: along the largest component of its direction, so that no entry exceeds 1 in size."""
-    d = ray.d
-    size = abs(d)
+    """The shear of each ray: along the largest component of its direction, so that no slope exceeds 1 in size."""
+    size = abs(ray.d)
     x = (size.x >= size.y) & (size.x >= size.z)
-    y = ~x & (size.y >= size.z)
-    z = ~(x | y)
-    Vector, Float = type(d), type(d.x)
-    component = dr.select(x, d.x, dr.select(y, d.y, d.z))
+    z = ~x & (size.y < size.z)
+    shear = Shear(x, z, None, None, None, None, None, None)
+    u, v, component = shear.axes(ray.d)
     inverse = dr.rcp(component)
-    sx, sy, sz = -d.x * inverse, -d.y * inverse, -d.z * inverse
-    one, zero = Float(1), Float(0)
-    return Shear(
-        Vector(dr.select(x, sy, one), dr.select(x, one, dr.select(y, sx, zero)), dr.select(z, sx, zero)),
-        Vector(dr.select(x, sz, zero), dr.select(z, one, dr.select(y, sz, zero)), dr.select(z, sy, one)),
-        Vector(dr.select(x, one, zero), dr.select(y, one, zero), dr.select(z, one, zero)),
-        component,
-        inverse,
-        dr.select(x, ray.o.x, dr.select(y, ray.o.y, ray.o.z)),
-    )
+    u, v = -u * inverse, -v * inverse
+    blur = greater(abs(u), abs(v)) * (BLUR[1] * types_of(u).epsilon)
+    return Shear(x, z, u, v, component, inverse, shear.axes(ray.o), blur)
 
 
 def intersect_triangle(words: list[Any], ray: Any, shear: Shear) -> tuple[Any, Any, Any, Any]:
@@ -66,20 +75,49 @@ def intersect_triangle(words: list[Any], ray: Any, shear: Shear) -> tuple[Any, A
     nearest number to that of the exact plane, or one of its neighbours, where the ray meets that inside the triangle;
     else it is that of a point of the triangle that rounding has put on the ray.
     """
-    ax, ay = _shadow(words[0:3], ray.o, shear)
-    bx, by = _shadow(words[3:6], ray.o, shear)
-    cx, cy = _shadow(words[6:9], ray.o, shear)
-    u = difference_of_products(cx, by, cy, bx)
-    v = difference_of_products(ax, cy, ay, cx)
-    w = difference_of_products(bx, ay, by, ax)
-    determinant = u + v + w
-    inside = (lesser(lesser(u, v), w) >= 0) | (greater(greater(u, v), w) <= 0)
-    per_area = dr.rcp(determinant)
-    v, w = v * per_area, w * per_area
-    met = inside & (determinant != 0)
-    a, b, c = (_dot(words[k : k + 3], shear.along) for k in (0, 3, 6))
+    o = shear.o
+    shadows, size, reach = [], None, None
+    for k in (0, 3, 6):
+        u, v, along = shear.axes(words[k : k + 3])
+        along = along - o[2]
+        shadow = dr.fma(shear.slope_u, along, u - o[0]), dr.fma(shear.slope_v, along, v - o[1])
+        shadows.append(shadow)
+        wide, far = abs(shadow[0]) + abs(shadow[1]), abs(along)
+        size, reach = (wide, far) if size is None else (greater(size, wide), greater(reach, far))
+    (ax, ay), (bx, by), (cx, cy) = shadows
+    u = dr.fma(cx, by, -(cy * bx))
+    v = dr.fma(ax, cy, -(ay * cx))
+    w = dr.fma(bx, ay, -(by * ax))
+    types = types_of(u)
+    blur = dr.fma(size, BLUR[0] * types.epsilon, reach * shear.blur)
+    margin = blur * (size + blur)
+    # How far the ray passes outside: beyond the margin that is sure, and within it the digits decide.
+    outside = lesser(greater(greater(u, v), w), -lesser(lesser(u, v), w))
+    width = dr.width(outside)
+    zero = dr.zeros(type(u), width)
+
+    def meeting(*_: Any) -> tuple[Any, Any, Any, Any]:
+        if types.precision == "float32":
+            return meeting_in_float64(words, ray, abs(outside) <= margin)
+        return _meeting_by_shadows(words, ray, shear, shadows)
+
+    # Few tests end in a hit, so its digits cost little.
+    nothing = dr.full(types.Bool, False, width), zero, zero, zero
+    return dr.if_stmt(nothing, outside <= margin, meeting, lambda *nothing: nothing)
+
+
+def _meeting_by_shadows(
+    words: list[Any], ray: Any, shear: Shear, shadows: list[tuple[Any, Any]]
+) -> tuple[Any, Any, Any, Any]:
+    (ax, ay), (bx, by), (cx, cy) = shadows
+    met, v, w = weights(
+        difference_of_products(cx, by, cy, bx),
+        difference_of_products(ax, cy, ay, cx),
+        difference_of_products(bx, ay, by, ax),
+    )
+    a, b, c = (shear.along(words[k : k + 3]) for k in (0, 3, 6))
     # What the subtraction of the origin rounds off would else be all of the error from afar.
-    distance, lost = two_sum(a, -shear.o)
+    distance, lost = two_sum(a, -shear.o[2])
     beyond = dr.fma(v, b - a, w * (c - a))
     rest = lost + beyond
     # One step of Newton's makes the product with the reciprocal as good as a division, and takes up the rest, whose
@@ -90,13 +128,7 @@ def intersect_triangle(words: list[Any], ray: Any, shear: Shear) -> tuple[Any, A
     before = (lesser(lesser(a, b), c) - a - beyond) * shear.inverse
     after = (greater(greater(a, b), c) - a - beyond) * shear.inverse
     least, most = lesser(before, after), greater(before, after)
-    # Few tests end in a hit, so the digits of grazing ones cost little.
-    (t,) = dr.if_stmt(
-        (t,),
-        met,
-        lambda t: (t + greater(lesser(_step_to_plane(words, ray, t, v, w), most), least),),
-        lambda t: (t,),
-    )
+    t = t + greater(lesser(_step_to_plane(words, ray, t, v, w), most), least)
     return met, t, v, w
 
 
@@ -130,12 +162,3 @@ def _step_to_plane(words: list[Any], ray: Any, t: Any, v: Any, w: Any) -> Any:
     stays = (lesser(v, w) >= 0) & (v + w <= 1)
     stays = stays | (abs(aside.x) + abs(aside.y) + abs(aside.z) <= reach * (ASIDE * types_of(t).epsilon))
     return dr.select(stays, step, 0)
-
-
-def _shadow(vertex: list[Any], o: Any, shear: Shear) -> tuple[Any, Any]:
-    moved = [vertex[0] - o.x, vertex[1] - o.y, vertex[2] - o.z]
-    return _dot(moved, shear.u), _dot(moved, shear.v)
-
-
-def _dot(a: list[Any], b: Any) -> Any:
-    return dr.fma(a[0], b.x, dr.fma(a[1], b.y, a[2] * b.z))

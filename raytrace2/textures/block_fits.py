@@ -40,9 +40,11 @@ def _merged(before: list[Any], stride: int, u: Side, v: Side, types: Types) -> l
     columns, rows = across.at(column), down.at(row)
     result = []
     wide = dr.opaque(types.UInt, stride)
+    # Which says how derivatives come back: where no block is gathered twice, no atomic operation is called for.
+    mode = dr.ReduceMode.NoConflicts if across.apart and down.apart else dr.ReduceMode.Auto
     for values in before:
         found = [
-            [[dr.gather(types.Float, plane, dr.fma(j, wide, i)) for plane in values] for i in columns.index]
+            [[dr.gather(types.Float, plane, dr.fma(j, wide, i), mode=mode) for plane in values] for i in columns.index]
             for j in rows.index
         ]
         lines = []
@@ -83,6 +85,7 @@ class _Halves:
     def __init__(self, side: Side, types: Types) -> None:
         self._types = types
         made = pairs(side)
+        self.apart = len(np.unique(made.index)) == made.index.size
         self._index = owned(made.index, types.UInt)
         self._weights = owned(
             np.column_stack([made.mean, made.lift, made.slope, made.place, made.share, 0 * made.share]), types.Float

@@ -9,6 +9,7 @@ import drjit as dr
 import numpy as np
 
 from ..buffers import owned
+from ..live import STILL, Live, Place, Slot, Values, put
 from ..scene.description import MeshAttributeTexture, MeshShape
 from ..types import Types
 
@@ -23,7 +24,12 @@ class MeshAttributes:
     """
 
     def __init__(
-        self, textures: Sequence[MeshAttributeTexture], corners: int, meshes: Mapping[int, MeshShape], types: Types
+        self,
+        textures: Sequence[MeshAttributeTexture],
+        corners: int,
+        meshes: Mapping[int, MeshShape],
+        types: Types,
+        live: Live = STILL,
     ) -> None:
         self._types = types
         self._corners = corners
@@ -32,11 +38,17 @@ class MeshAttributes:
         offsets = np.full((len(names), max(self._surfaces, 1)), _ABSENT, dtype=np.uint32)
         blocks: list[np.ndarray] = []
         size = 0
+        self._live: list[tuple[Place, int, Any, int]] = []
         for i, name in enumerate(names):
             for surface, mesh in meshes.items():
                 if name in mesh.attributes:
                     block = _per_corner(mesh, name, corners)
                     offsets[i, surface] = size
+                    place = live.place(mesh, f"attributes.{name}")
+                    if place is not None:
+                        rows = mesh.faces.ravel() if corners == 3 else np.arange(len(mesh.faces))
+                        table = owned(rows.astype(np.uint32), types.UInt)
+                        self._live.append((place, size, table, _columns(mesh, name)))
                     blocks.append(block)
                     size += len(block)
         if size >= 2**30:
@@ -46,10 +58,35 @@ class MeshAttributes:
         self._offsets = owned(offsets, types.UInt)
         rows = np.array([names.index(t.name) * offsets.shape[1] for t in textures], dtype=np.uint32)
         scales = np.array([t.scale for t in textures], dtype=types.numpy)
-        self._unscaled = bool((scales == 1).all())
+        self._live_scales = {k: p for k, t in enumerate(textures) if (p := live.place(t, "scale")) is not None}
+        self._unscaled = not self._live_scales and bool((scales == 1).all())
         self._single = len(textures) == 1
         self._rows = owned(rows, types.UInt)
         self._scales = owned(scales, types.Float)
+
+    def slots(self, *, moves: bool) -> list[Slot]:
+        """Those of live attributes and scales."""
+
+        def attributes(base: Any, values: Values) -> Any:
+            buffer, UInt = type(base)(base), self._types.UInt
+            for place, first, rows, columns in self._live:
+                value = values(place)
+                into = (dr.arange(UInt, dr.width(rows)) + dr.opaque(UInt, first)) * 4
+                for k in range(3):
+                    number = dr.gather(type(base), value, rows * columns + (k if columns == 3 else 0))
+                    dr.scatter(buffer, number, into + k)
+            return buffer
+
+        def scales(base: Any, values: Values) -> Any:
+            buffer = type(base)(base)
+            for k, place in self._live_scales.items():
+                put(buffer, k, [values(place)])
+            return buffer
+
+        found = [Slot.of(self, "_values", [p for p, *_ in self._live], attributes, moves=moves)] if self._live else []
+        if self._live_scales:
+            found.append(Slot.of(self, "_scales", self._live_scales.values(), scales, moves=moves))
+        return found
 
     def eval(self, place: Any, si: Any, active: Any) -> Any:
         """The attribute (Array3f; one channel is repeated) interpolated over the face that ``si`` lies on."""
@@ -68,6 +105,10 @@ class MeshAttributes:
         if self._unscaled:
             return value
         return value * (self._scales if self._single else dr.gather(t.Float, self._scales, place, active))
+
+
+def _columns(mesh: MeshShape, name: str) -> int:
+    return 3 if np.asarray(mesh.attributes[name]).reshape(len(mesh.attributes[name]), -1).shape[1] == 3 else 1
 
 
 def _per_corner(mesh: MeshShape, name: str, corners: int) -> np.ndarray:

@@ -22,6 +22,7 @@ from ..rays.random import mix
 from ..scene.description import FbmTexture
 from ..types import Types
 from .filter_settings import FilterSettings
+from .replayed import finite
 from .uv_transform import UvTransforms
 
 #: Mean square of the derivative of the noise in a direction, over that of its value.
@@ -66,11 +67,12 @@ class Fbms:
         first, second, third = (dr.gather(t.Array4f, self._records, 3 * place + k, active) for k in range(3))
         octaves, persistence, lacunarity, total = first.w, second.w, third.x, third.y
         seed = dr.gather(t.UInt, self._seeds, place, active)
-        at = self._to_uv.apply(place, uv, active)
+        at = self._to_uv.apply(place, finite(uv), active)
         size2: Any = None
         if self._filters and footprint is not None:
             linear = self._to_uv.apply_linear(place, active)
-            size2 = dr.squared_norm(linear(footprint.dx)) + dr.squared_norm(linear(footprint.dy))
+            dx, dy = finite(footprint.dx), finite(footprint.dy)
+            size2 = dr.squared_norm(linear(dx)) + dr.squared_norm(linear(dy))
             size2 = dr.select(size2 >= 0, size2, 0)
         value, weight = t.Float(0), t.Float(1)
         for k in range(self._octaves):

@@ -61,7 +61,7 @@ class _Replayed(dr.CustomOp):
         tangents = self.grad_in("inputs")
         zero = tuple(dr.zeros(type(s), self._width()) for s in self.loop.sums)
 
-        def derive(local: list[Any], terms: tuple[Any, ...]) -> tuple[Any, ...]:
+        def derive(local: list[Any], terms: Callable[[], tuple[Any, ...]]) -> tuple[Any, ...]:
             for x, tangent in zip(local, tangents, strict=True):
                 if dr.grad_enabled(x):
                     dr.set_grad(x, tangent)
@@ -76,7 +76,7 @@ class _Replayed(dr.CustomOp):
         adjoints = self.grad_out()
         zero = tuple(dr.zeros(type(x), self._width()) for x in self.inputs)
 
-        def derive(local: list[Any], terms: tuple[Any, ...]) -> tuple[Any, ...]:
+        def derive(local: list[Any], terms: Callable[[], tuple[Any, ...]]) -> tuple[Any, ...]:
             products = [dr.dot(a, m) if dr.depth_v(m) > 1 else a * m for a, m in zip(adjoints, terms(), strict=True)]
             total = products[0]
             for p in products[1:]:

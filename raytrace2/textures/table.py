@@ -111,7 +111,7 @@ class TextureTable:
             moving = frozenset(handles.place_of(h) for h in self._moving if handles.kind_of(h) == kind)
             if kind == _CONSTANT:
                 found += table.slots(moving)
-            elif kind not in (_VERTEX_ATTRIBUTE, _FACE_ATTRIBUTE):
+            else:
                 found += table.slots(moves=bool(moving))
         return found
 
@@ -215,7 +215,7 @@ class TextureTable:
         if kind == _FBM:
             return Fbms(members, self.types, self.settings, self.live)
         if kind in (_VERTEX_ATTRIBUTE, _FACE_ATTRIBUTE):
-            return MeshAttributes(members, 3 if kind == _VERTEX_ATTRIBUTE else 1, self._meshes, self.types)
+            return MeshAttributes(members, 3 if kind == _VERTEX_ATTRIBUTE else 1, self._meshes, self.types, self.live)
         return Bitmaps(members, self.types, self.settings, self.live)
 
 

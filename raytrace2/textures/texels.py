@@ -95,8 +95,8 @@ class Texels:
         return None
 
     def with_images(self, buffer: Any, images: Mapping[int, Any], appended: Mapping[int, Sequence[Any]]) -> Any:
-        """What kernels read in place of ``buffer``, which they do, for other ``images`` by number (flat, channels beside
-        each other) and other channels of what was ``appended`` by number; a function with derivatives.
+        """What kernels read in place of ``buffer`` for other ``images`` by number (flat, channels beside each other)
+        and other channels of what was ``appended`` by number: a function with derivatives.
 
         It has the table's precision: halves are no good for sums of derivatives. Not for 8-bit images.
         """

@@ -168,7 +168,7 @@ def each_texel(
     def terms(inputs: Sequence[Any], i: Any, j: Any, end: Any, *_: Any) -> tuple[Any, ...]:
         x, y, slant, deviation_x, deviation_y = inputs
         local = replace(ellipse, x=x, y=y, slant=slant, deviation_x=deviation_x, deviation_y=deviation_y)
-        *_, middle, along = local.line(j)
+        _, _, middle, along = local.line(j)
         distance2 = dr.square((i - middle) / deviation_x) + along
         weight = dr.select(i <= end, dr.exp2(-0.5 / math.log(2) * distance2), 0)
         return visit(i, j, weight, tuple(dr.zeros(type(s)) for s in state))
@@ -183,5 +183,5 @@ def each_texel(
         i, *rest = (dr.select(done, new, kept) for new, kept in zip(below, old, strict=True))
         return i, dr.select(done, j + 1, j), *rest, *state
 
-    start, *rest = ellipse.line(top)
-    return summed((start, top, *rest), state, more, step, terms, shape, buffers, "texels of an ellipse")[5:]
+    start, *first = ellipse.line(top)
+    return summed((start, top, *first), state, more, step, terms, shape, buffers, "texels of an ellipse")[5:]

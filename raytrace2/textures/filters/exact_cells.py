@@ -73,7 +73,14 @@ class Parallelogram:
 
         By Green's theorem they are signed sums over the edges of integrals along x, of powers of y clamped to the cell.
         What is clamped is linear on at most one piece of an edge, so two Gauss points integrate it exactly.
+
+        Derivatives by the parallelogram are integrals along its rim, which do not cancel where edges are steep.
         """
+        if dr.grad_enabled(self.centre, self.a, self.b):
+            still = Parallelogram(*(dr.detach(v) for v in (self.centre, self.a, self.b)))
+            cell = [dr.detach(v) for v in (left, bottom, width, height)]
+            values, rim = still.moments(*cell), self._rim(still, *cell)
+            return tuple(dr.replace_grad(m, g) for m, g in zip(values, rim, strict=True))
         corner = self.centre - 0.5 * (self.a + self.b) - type(self.a)(left, bottom)
         total = [dr.zeros(type(left)) for _ in range(4)]
         for edge, start in ((self.a, corner), (self.b, corner)):
@@ -85,6 +92,37 @@ class Parallelogram:
                 for k, part in enumerate(_edge_moments(at, edge, inverse_x, inverse_y, width, height)):
                     total[k] = total[k] - sign * part
         return total[0], total[1], total[2], total[3]
+
+    def _rim(self, still: Parallelogram, left: Any, bottom: Any, width: Any, height: Any) -> list[Any]:
+        """What has the derivatives of :meth:`moments`, ``still`` being this without any: an integral over a region
+        grows by its integrand along the rim times how fast that moves outwards (Reynolds' theorem), which is a cubic
+        polynomial along an edge."""
+        origin = type(self.a)(left, bottom)
+        moving, fixed = (p.centre - 0.5 * (p.a + p.b) - origin for p in (self, still))
+        total = [dr.zeros(type(left)) for _ in range(4)]
+        for k in range(2):
+            (edge, other), (along, across) = ((p.a, p.b) if k == 0 else (p.b, p.a) for p in (self, still))
+            inverse_x, inverse_y = _inverse(along.x), _inverse(along.y)
+            for far in range(2):
+                sign = 1 if k == far else -1
+                start, at = (moving + other, fixed + across) if far else (moving, fixed)
+                t0, t1 = _within(at, inverse_x, inverse_y, width, height)
+                middle, reach = 0.5 * (t0 + t1), (t1 - t0) * (0.5 / 3**0.5)
+                for t in (middle - reach, middle + reach):
+                    place = start + edge * t
+                    out = (place.x * along.y - place.y * along.x) * (sign * 0.5 * (t1 - t0))
+                    x, y = dr.fma(t, along.x, at.x) - 0.5, dr.fma(t, along.y, at.y) - 0.5
+                    total = [dr.fma(out, b, s) for b, s in zip((1, x, y, x * y), total, strict=True)]
+        return total
+
+
+def _within(at: Any, inverse_x: Any, inverse_y: Any, width: Any, height: Any) -> tuple[Any, Any]:
+    """Which part of an edge, from 0 to 1, lies in a cell."""
+    to_left, to_right = -at.x * inverse_x, (width - at.x) * inverse_x
+    to_bottom, to_top = -at.y * inverse_y, (height - at.y) * inverse_y
+    t0 = dr.fmax(dr.fmax(dr.fmin(to_left, to_right), dr.fmin(to_bottom, to_top)), 0)
+    t1 = dr.fmin(dr.fmin(dr.fmax(to_left, to_right), dr.fmax(to_bottom, to_top)), 1)
+    return t0, dr.fmax(t0, t1)
 
 
 def _edge_moments(at: Any, edge: Any, inverse_x: Any, inverse_y: Any, width: Any, height: Any) -> tuple[Any, ...]:

@@ -62,9 +62,10 @@ def integrate(
 
     ``shape(*inputs)`` gives ``pieces`` and ``moments``: there are ``count`` parallelograms (UInt, or None for one),
     ``pieces(k)`` being one, and ``moments`` integrates 1, x, y, x y over the part in a cell given by ``(piece, left,
-    bottom, width, height)``. The integrals have derivatives by ``inputs`` (Dr.Jit arrays) and texels. No lane reads more than
-    ``most`` blocks; a piece with a coordinate that is NaN takes no turn. With ``bounds`` ``moments`` has the integral
-    of its weight's square as well, and a bound on what the blocks' functions make the first integral err follows.
+    bottom, width, height)``. The integrals have derivatives by ``inputs`` (Dr.Jit arrays) and texels, while level and
+    ``count`` are constants. No lane reads more than ``most`` blocks; a piece with a coordinate that is NaN takes no
+    turn. With ``bounds`` ``moments`` has the integral of its weight's square as well, and a bound on what the blocks'
+    functions make the first integral err follows.
     """
     zero = grid.base.x * 0
     t = types_of(zero)
@@ -121,9 +122,7 @@ def integrate(
         column, last = dr.select(next_row, first, column), dr.select(next_row, end, last)
         return k, row, last_row, column, last, reads + 1, *bound, going, total, weight + m
 
-    found = summed(
-        state, sums, lambda *s: s[-3], turn, terms, inputs, bitmaps.buffers, label="blocks of a footprint"
-    )
+    found = summed(state, sums, lambda *s: s[-3], turn, terms, inputs, bitmaps.buffers, label="blocks of a footprint")
     *_, total, weight = found
     return (total, weight, found[5], found[6]) if bounds else (total, weight, found[5])
 
