@@ -93,7 +93,9 @@ def direct(
     if settings.emitter_samples and materials.has_smooth_any and lights.count:
         _, result, sampler = _repeat(settings.emitter_samples, sample_light, (counter, result, sampler), active, loops)
     if settings.bsdf_samples and (lights.has_area or lights.has_environment):
-        _, result, sampler = _repeat(settings.bsdf_samples, sample_material, (counter + 0, result, sampler), active, loops)
+        _, result, sampler = _repeat(
+            settings.bsdf_samples, sample_material, (counter + 0, result, sampler), active, loops
+        )
     return result
 
 

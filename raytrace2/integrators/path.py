@@ -83,7 +83,9 @@ class Limits:
         return Limits(max_depth, dr.opaque(UInt, settings.rr_depth), settings.hide_emitters)
 
 
-def start(scene: TracedScene, settings: Integrator, ray: Ray, active: Any = True, differential: Any = None) -> PathState:
+def start(
+    scene: TracedScene, settings: Integrator, ray: Ray, active: Any = True, differential: Any = None
+) -> PathState:
     """The state of a path whose first ray is ``ray``, with its ``differential``."""
     t, width = scene.types, len(ray)
     zero3 = dr.zeros(t.Array3f, width)
