@@ -101,6 +101,11 @@ def derived(slots: Iterable[Slot], places: Iterable[Place], through: Callable[[V
     return [Slot(s.holder, s.attribute, s.moves, all_places, wrapped(s), s.base) for s in slots]
 
 
+def derived_each(slots: Iterable[Slot], through: Callable[[Values], Values]) -> list[Slot]:
+    """:func:`derived` of slots whose places stay, each its own."""
+    return [found for slot in slots for found in derived([slot], slot.places, through)]
+
+
 @contextmanager
 def bound(slots: Sequence[Slot], values: Sequence[Any]) -> Iterator[None]:
     """While it lasts, kernels read ``values`` in the places of those in ``slots``."""

@@ -9,7 +9,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from ..live import STILL, Live, Slot, Values, derived
+from ..live import STILL, Live, Slot, Values, derived_each
 from ..scene.color import linear_pixels
 from ..scene.description import BitmapTexture, ConstantTexture, Texture
 from ..textures.bitmap import Bitmaps
@@ -37,9 +37,7 @@ class Heights:
         def through(values: Values) -> Values:
             return lambda place: luminances(values(place)) if place.field == "pixels" else values(place)
 
-        found = [
-            changed for slot in self._bitmaps.slots(moves=True) for changed in derived([slot], slot.places, through)
-        ]
+        found = derived_each(self._bitmaps.slots(moves=True), through)
         return found + self._to_uv.slots(moves=True)
 
     def gradient(self, place: Any, uv: Any, active: Any) -> Any:

@@ -102,7 +102,9 @@ class ReliefFrames:
         self._moments: ReliefMoments | None = None
         point = settings
         if settings is not None and settings.needs_footprint:
-            self._moments = ReliefMoments([b.texture for b in bumps], images, types, settings)
+            self._moments = ReliefMoments(
+                [b.texture for b in bumps], [b.normalmap for b in normals], types, settings, textures.live
+            )
             point = None
         live = textures.live.standing_for(images, [b.normalmap for b in normals])
         self._normals = Bitmaps(images, types, point, live) if images else None
@@ -131,7 +133,7 @@ class ReliefFrames:
         self._scales = owned(np.array(scales, dtype=types.numpy), types.Float)
 
     def slots(self) -> list[Slot]:
-        """Those of live maps and of how high they are, where no footprint is heeded."""
+        """Those of live maps and of how high they are."""
 
         def make(base: Any, values: Values) -> Any:
             buffer = type(base)(base)
@@ -141,6 +143,7 @@ class ReliefFrames:
 
         found = self._heights.slots() if self._heights else []
         found += self._normals.slots(moves=True) if self._normals else []
+        found += self._moments.slots() if self._moments else []
         if self._live_scales:
             found.append(Slot.of(self, "_scales", self._live_scales.values(), make, moves=True))
         return found

@@ -107,14 +107,8 @@ class TracedScene:
     def loose(self) -> frozenset[Place]:
         """Live places that something follows from which no slot holds: tables are made anew when these change."""
         held = {place for slot in self.slots for place in slot.places}
-        in_maps: set[Place] = set()
-        if self.filter is not None and self.filter.needs_footprint:
-            maps = [m.bsdf for s in self._shapes for m in reliefs(s.bsdf) if m is not None]
-            images = [m.texture if isinstance(m, description.BumpMapBsdf) else m.normalmap for m in maps]
-            fields = [(m, f) for m in images for f in ("pixels", "to_uv", "value")] + [(m, "scale") for m in maps]
-            in_maps = {p for owner, field in fields if (p := self.live.place(owner, field)) is not None}
         everywhere = {p for p in self.live.places if not isinstance(p.owner, description.Camera)}
-        return frozenset(everywhere - held | in_maps)
+        return frozenset(everywhere - held)
 
     def refresh(self, structure: Structure) -> bool:
         """Takes the present values; ``structure`` is that of where surfaces are now. False if that takes new tables."""

@@ -12,7 +12,7 @@ from render_cases import ball, both, corner, diffuse, lamp, mitsuba, ours, rgb, 
 import raytrace2 as rt
 from raytrace2.materials import MaterialTable
 from raytrace2.materials.bump import Heights
-from raytrace2.materials.relief_moments import _tiled, gradients, moments, slopes
+from raytrace2.materials.relief_moments import WIDE, _tiled, gradients, moments, slopes
 from raytrace2.materials.spread import Spread
 from raytrace2.rays.camera import make_camera
 from raytrace2.rays.differentials import make_differentials
@@ -131,20 +131,25 @@ def test_a_flat_map_changes_nothing() -> None:
     assert np.allclose(filtered, b, rtol=1e-4, atol=1e-6)
 
 
+def _moments(image: BitmapTexture, values: Any) -> np.ndarray:
+    pixels = WIDE.TensorXf(np.ascontiguousarray(linear_pixels(image), np.float64))
+    return np.concatenate([m.numpy() for m in moments(pixels, image.wrap_mode, values)], axis=-1)
+
+
 def test_moments_are_those_of_the_interpolated_map() -> None:
     """Means over the whole image of moments by texel are those of a fine sampling of the map itself."""
     u, v = np.meshgrid(*((np.arange(16 * n) + 0.5) / 16 for n in (12, 16)))
     x, y = u - 0.5, v - 0.5
     i, j = np.floor(x).astype(int), np.floor(y).astype(int)
     h = linear_pixels(BitmapTexture(HEIGHTS))
-    corners = [h[(j + b) % 16, (i + a) % 12] for b in (0, 1) for a in (0, 1)]
+    corners = [[h[(j + b) % 16, (i + a) % 12, 0]] for b in (0, 1) for a in (0, 1)]
     gx, gy = gradients(corners, x - i, y - j, 12, 16)
     expected = [np.mean(m) for m in (gx, gy, gx * gy, gx * gx, gy * gy)]
-    found = moments(BitmapTexture(HEIGHTS, raw=True), gradients).mean(axis=(0, 1))
+    found = _moments(BitmapTexture(HEIGHTS, raw=True), gradients).mean(axis=(0, 1))
     scale = expected[3]
     assert np.allclose(found[:5], expected, atol=2e-3 * scale)
     one = np.full((2, 2, 3), [0.5 + 0.3, 0.5, 0.5 + 0.4], np.float32)
-    assert np.allclose(moments(BitmapTexture(one, raw=True), slopes)[0, 0], [-0.75, 0, 0, 0.5625, 0, 0], atol=1e-6)
+    assert np.allclose(_moments(BitmapTexture(one, raw=True), slopes)[0, 0], [-0.75, 0, 0, 0.5625, 0, 0], atol=1e-6)
 
 
 def test_a_mirrored_map_has_mirrored_gradients() -> None:
