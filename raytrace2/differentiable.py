@@ -52,7 +52,7 @@ class _How:
         self.job, self.slots, self.moves, self.through = job, slots, moves, through
 
 
-class _Render(dr.CustomOp):  # type: ignore[misc]
+class _Render(dr.CustomOp):
     def eval(self, values: list[Any], image: Any, how: _How) -> Any:
         self._values, self._how = values, how
         return type(image)(image)

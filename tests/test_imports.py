@@ -37,6 +37,8 @@ LAYERS = (
     ("reconstruction", "film"),
     ("integrators",),
     ("filtering", "render_arguments"),
+    ("job",),
+    ("differentiable",),
     ("render",),
     ("box_edges", "box_cuts", "picture_parts"),
     ("load", "provenance", "notebook", "structure_pictures"),

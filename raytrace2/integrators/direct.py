@@ -6,7 +6,7 @@ from typing import Any
 
 import drjit as dr
 
-from ..rays.differentials import NO_DIFFERENTIALS, Differentials
+from ..rays.differentials import NO_DIFFERENTIALS, Bouncing
 from ..rays.ray import Ray
 from ..scene.description import Integrator
 from ..scene.traced import TracedScene
@@ -21,7 +21,7 @@ def direct(
     ray: Ray,
     active: Any = True,
     *,
-    differentials: Differentials = NO_DIFFERENTIALS,
+    differentials: Bouncing = NO_DIFFERENTIALS,
     differential: Any = None,
     tracing: Tracing | None = None,
 ) -> Any:

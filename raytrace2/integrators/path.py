@@ -7,7 +7,7 @@ from typing import Any
 
 import drjit as dr
 
-from ..rays.differentials import NO_DIFFERENTIALS, Differentials
+from ..rays.differentials import NO_DIFFERENTIALS, Bouncing, Differentials
 from ..rays.ray import Ray
 from ..scene.description import Integrator
 from ..scene.traced import TracedScene
@@ -107,7 +107,7 @@ def start(
 
 
 def bounce(
-    scene: TracedScene, limits: Limits, s: PathState, sampler: Any, differentials: Differentials, tracing: Tracing
+    scene: TracedScene, limits: Limits, s: PathState, sampler: Any, differentials: Bouncing, tracing: Tracing
 ) -> PathState:
     """The state after the ray of ``s`` has met what it meets, which ``tracing`` tells, and has been scattered there.
 
@@ -157,6 +157,7 @@ def bounce(
     s.pdf, s.delta = sample.pdf, sample.delta
     s.depth = dr.select(si.valid, s.depth + 1, s.depth)
     if direct is not None:
+        assert shadow_ray is not None
         lit &= ~tracing.blocked(shadow_ray, lit)
         s.radiance = dr.select(lit, s.radiance + direct, s.radiance)
 

@@ -13,7 +13,7 @@ from .emission import past_emitters
 class Tracing(Protocol):
     """Who answers them: the scene's structure, or the memory of what it answered.
 
-    ``keeps_gradients``: whether rays that go on and samples may carry derivatives, other than those that tell footprints.
+    ``keeps_gradients``: whether rays that go on and samples may carry derivatives other than those for footprints.
     """
 
     keeps_gradients: bool

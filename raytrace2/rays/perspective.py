@@ -46,4 +46,5 @@ class Perspective:
         corner, du, dv, _ = self._axes
         through = dr.fma(du, film_position.x, dr.fma(dv, film_position.y, corner))
         right, down = du * step[0], dv * step[1]
-        return ray, *((v * self._near, turned(ray.d, through, v)) for v in (right, down))
+        moved = [(v * self._near, turned(ray.d, through, v)) for v in (right, down)]
+        return ray, moved[0], moved[1]

@@ -65,4 +65,5 @@ class ThinLens:
         pinhole = dr.fma(du, film_position.x, dr.fma(dv, film_position.y, corner))
         through = dr.fma(dr.fma(lens_x, disk.x, lens_y * disk.y), -self._power, pinhole)
         right, down = du * step[0], dv * step[1]
-        return ray, *((v * self._near, turned(ray.d, through, v)) for v in (right, down))
+        moved = [(v * self._near, turned(ray.d, through, v)) for v in (right, down)]
+        return ray, moved[0], moved[1]

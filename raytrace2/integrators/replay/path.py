@@ -110,7 +110,7 @@ def path_backward(
         parts = moving_parts(entry, replay)
         dr.enable_grad(parts)
         player = Player(entry.memory, replay.through)
-        after = bounce(scene, limits, entry.state(count), player, player, player)  # type: ignore[arg-type]
+        after = bounce(scene, limits, entry.state(count), player, player, player)
         radiance, left = after.radiance, moving_parts(after, replay)
         total = dr.dot(adjoint, radiance)
         for a, x in zip(following, left, strict=True):
@@ -157,7 +157,7 @@ def path_forward(
             dr.set_grad(part, tangent)
         player = Player(entry.memory, replay.through)
         again = entry.state(depth)
-        after = bounce(scene, limits, again, player, player, player)  # type: ignore[arg-type]
+        after = bounce(scene, limits, again, player, player, player)
         ends = [-x for x in (after.radiance, *moving_parts(after, replay))]
         moving = [x for x in ends if dr.grad_enabled(x)]
         if moving:
@@ -192,7 +192,7 @@ def _blank(
     nothing = Nothing(scene.types)
     recorder = Recorder(nothing, nothing, differentials)
     entry = Entry.of(state, recorder.memory, with_differential)
-    bounce(scene, limits, replace(state), recorder, recorder, recorder)  # type: ignore[arg-type]
+    bounce(scene, limits, replace(state), recorder, recorder, recorder)
     return entry
 
 

@@ -17,12 +17,8 @@ from .none import NO_DIFFERENTIALS
 from .state import Meeting
 
 
-class Differentials(Protocol):
-    """A way to know how rays change from sample to sample. ``state`` travels with the ray, in a loop's state."""
-
-    def start(self, camera: Any, position: Any, aperture: Any) -> tuple[Ray, Any]:
-        """The camera's ray through ``position`` of the film, and its state."""
-        ...
+class Bouncing(Protocol):
+    """What a bounce asks of differentials. ``state`` travels with the ray, in a loop's state."""
 
     def meet(self, structure: Any, ray: Ray, state: Any, hit: Any) -> Meeting:
         """What is where ``ray`` met a surface of ``structure`` at ``hit``."""
@@ -30,6 +26,14 @@ class Differentials(Protocol):
 
     def leave(self, meeting: Meeting, sample: Any, ray: Ray, state: Any) -> Any:
         """The state of ``ray``, which goes on from ``meeting`` in the direction that ``sample`` chose."""
+        ...
+
+
+class Differentials(Bouncing, Protocol):
+    """A way to know how rays change from sample to sample."""
+
+    def start(self, camera: Any, position: Any, aperture: Any) -> tuple[Ray, Any]:
+        """The camera's ray through ``position`` of the film, and its state."""
         ...
 
 
