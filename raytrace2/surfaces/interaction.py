@@ -30,7 +30,9 @@ class SurfaceInteraction:
     ``sh_frame`` the shading frame; ``uv`` Array2f; ``dp_du``, ``dp_dv`` Array3f; ``prim_uv`` Array2f barycentric
     coordinates of triangles (weights of vertices 1 and 2); ``wi`` the direction back along the ray *in the shading
     frame*; ``p_rest`` what to add to ``p`` for the point that rays leave: what rounding took from it, and
-    a step away from the edges of a triangle of a few times that; ``p_error`` a bound on the error of each component of
+    a step away from the edges of a triangle of a few times that; ``p_span`` the way from there to either of two places
+    of which rays leave from the one farther back along them, where a triangle is so small that numbers are far apart on
+    it (0.0 elsewhere); ``p_error`` a bound on the error of each component of
     ``p + p_rest`` and of ray tests there; ``prim`` UInt index within the
     surface; ``surface`` UInt index of the surface in the scene; ``instance`` UInt index of the instance surface, or
     0xFFFFFFFF; ``footprint`` the :class:`~raytrace2.rays.footprint.Footprint` of the sample here, where it is known;
@@ -52,6 +54,7 @@ class SurfaceInteraction:
     instance: Any
     p_error: Any = 0.0
     p_rest: Any = 0.0
+    p_span: Any = 0.0
     footprint: Any = None
     grain: Grain | None = None
 
@@ -86,8 +89,12 @@ class SurfaceInteraction:
         n, p = dr.detach(self.n), dr.detach(self.p)
         size = abs(n)
         margin = self.p_error * (size.x + size.y + size.z)
-        n = n * dr.mulsign(type(margin)(1), dr.dot(n, dr.detach(d)))
-        o, lost = two_sum(p, dr.detach(dr.fma(n, margin, self.p_rest)))
+        d = dr.detach(d)
+        n = n * dr.mulsign(type(margin)(1), dr.dot(n, d))
+        rest = dr.detach(self.p_rest)
+        if not isinstance(self.p_span, float):
+            rest = rest + dr.select(dr.dot(self.p_span, d) > 0, -self.p_span, self.p_span)
+        o, lost = two_sum(p, dr.fma(n, dr.detach(margin), rest))
         # The origin is a triple of floating-point numbers on that side of the surface too, not the nearest ones.
         for k in range(3):
             o[k] = dr.select(lost[k] * n[k] > 0, next_toward(o[k], n[k] > 0), o[k])

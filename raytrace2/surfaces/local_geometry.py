@@ -19,6 +19,9 @@ from .ordered import lesser
 #: between faces that meet at more than 1 / INSET.
 INSET = 16
 
+#: So many steps between floating-point numbers wide, a triangle is coarse: there may be none above its middle.
+COARSE = 4
+
 
 @dataclass
 class LocalGeometry:
@@ -34,10 +37,11 @@ class LocalGeometry:
     uv: Any
     dp_du: Any
     dp_dv: Any
+    span: Any = 0.0
 
     def fields(self) -> tuple[Any, ...]:
         """The fields in order."""
-        return self.p, self.rest, self.error, self.n, self.sh_n, self.uv, self.dp_du, self.dp_dv
+        return self.p, self.rest, self.error, self.n, self.sh_n, self.uv, self.dp_du, self.dp_dv, self.span
 
     def transformed(self, to_world: Any, to_local: Any) -> LocalGeometry:
         """The same under an affine map, given with its inverse."""
@@ -50,6 +54,7 @@ class LocalGeometry:
             self.uv,
             to_world.vector(self.dp_du),
             to_world.vector(self.dp_dv),
+            self.span if isinstance(self.span, float) else dr.detach(to_world.vector(self.span)),
         )
 
 
@@ -133,24 +138,42 @@ def on_triangle(
         dp_du = dr.select(textured, dr.select(regular, (e1 * d2.y - e2 * d1.y) * inverse, any_u), dp_du)
         dp_dv = dr.select(textured, dr.select(regular, (e2 * d1.x - e1 * d2.x) * inverse, any_v), dp_dv)
     reach = abs(e1) + abs(e2)
-    error = dr.fmax(dr.fmax(reach.x, reach.y), reach.z) * (4 * types_of(p).epsilon)
-    rest += _from_edges(p, error, (unit_1, unit_2), per_size, area, prim_uv, e1, e2)
-    return LocalGeometry(p, dr.detach(rest), error, n, sh_n, uv, dp_du, dp_dv)
-
-
-def _from_edges(
-    p: Any, error: Any, sides: tuple[Any, Any], per_size: Any, area: Any, prim_uv: Any, e1: Any, e2: Any
-) -> Any:
-    """The step from a point of a triangle to where it is farther from every edge than rounding and the way off the
-    surface could move it: else rays from beside an edge would start behind the neighbour. At most to the centroid."""
+    wide = dr.fmax(dr.fmax(reach.x, reach.y), reach.z)
+    error = wide * (4 * types_of(p).epsilon)
     size = abs(p)
-    width = dr.fma(dr.fmax(dr.fmax(size.x, size.y), size.z), types_of(p).epsilon, error) * per_size * INSET
+    grain = dr.fmax(dr.fmax(size.x, size.y), size.z) * types_of(p).epsilon
+    lengths = dr.norm(unit_2 - unit_1), dr.norm(unit_2), dr.norm(unit_1)
+    m1, m2 = _from_edges((grain + error) * per_size, lengths, area, prim_uv)
+    coarse = wide <= grain * (2 * COARSE)
+    half_1, half_2, span = _along_longest(lengths, e1, e2)
+    rest += e1 * dr.select(coarse, half_1 - b1, m1) + e2 * dr.select(coarse, half_2 - b2, m2)
+    span = dr.detach(dr.select(coarse, span, 0))
+    return LocalGeometry(p, dr.detach(rest), error, n, sh_n, uv, dp_du, dp_dv, span)
+
+
+def _from_edges(width: Any, lengths: tuple[Any, Any, Any], area: Any, prim_uv: Any) -> tuple[Any, Any]:
+    """The step, in weights of vertices 1 and 2, from a point of a triangle to where it is farther from every edge than
+    rounding and the way off the surface, of a ``width``, could move it: else rays from beside an edge would start
+    behind the neighbour. At most to the centroid."""
     # Weights at that distance from each edge: over the heights of the triangle.
-    per_area = width * dr.rsqrt(area)
-    third = 1 / 3
-    m0, m1, m2 = (lesser(dr.norm(e) * per_area, third) for e in (sides[1] - sides[0], sides[1], sides[0]))
+    per_area = width * INSET * dr.rsqrt(area)
+    m0, m1, m2 = (lesser(length * per_area, 1 / 3) for length in lengths)
     total = m0 + m1 + m2
-    return e1 * dr.fma(-total, prim_uv.x, m1) + e2 * dr.fma(-total, prim_uv.y, m2)
+    return dr.fma(-total, prim_uv.x, m1), dr.fma(-total, prim_uv.y, m2)
+
+
+def _along_longest(lengths: tuple[Any, Any, Any], e1: Any, e2: Any) -> tuple[Any, Any, Any]:
+    """The weights of vertices 1 and 2 in the middle of the longest side, and half of that side.
+
+    Where no number lies above the middle of a triangle, rays leave from above a corner, which is one: from that end of
+    the longest side that is farther back along them, so that they pass above most of what they leave.
+    """
+    across, second, first = lengths
+    is_across = (across >= second) & (across >= first)
+    is_second = ~is_across & (second >= first)
+    half_1 = dr.select(is_second, 0, 0.5)
+    half_2 = dr.select(is_across | is_second, 0.5, 0)
+    return half_1, half_2, e1 * dr.select(is_across, -0.5, half_1) + e2 * half_2
 
 
 def _cross(a: Any, b: Any) -> Any:

@@ -145,7 +145,8 @@ class Shading:
         geometry = kinds[0][1]
         for mask, other in kinds[1:]:
             pairs = zip(geometry.fields(), other.fields(), strict=True)
-            geometry = LocalGeometry(*(dr.select(mask, b, a) for a, b in pairs))
+            # What neither kind has needs no choice.
+            geometry = LocalGeometry(*(a if a is b else dr.select(mask, b, a) for a, b in pairs))
         return geometry
 
     def _instance_maps(self, hit: Hit, instanced: Any) -> tuple[Rows, Rows]:
@@ -249,6 +250,7 @@ def _finish(g: LocalGeometry, ray: Any, t: Any, hit: Hit, valid: Any, types: Typ
         instance=hit.instance,
         p_error=dr.select(valid, g.error, 0),
         p_rest=dr.select(valid, g.rest, zero3),
+        p_span=g.span if isinstance(g.span, float) else dr.select(valid, g.span, zero3),
     )
 
 

@@ -8,6 +8,9 @@ from test_triangle import icosphere
 
 from raytrace2 import accel
 from raytrace2.rays.ray import Ray
+from raytrace2.stability import spawned
+from raytrace2.stability.sweep import Counts
+from raytrace2.stability.tracers import Ours
 from raytrace2.surfaces.mesh import TriangleMesh
 from raytrace2.surfaces.quadrics import Cylinder, Disk, Quadric, Rectangle, Sphere
 
@@ -115,3 +118,10 @@ def test_a_gap_of_a_millionth_is_not_stepped_over(kind, gap):
     assert (si.surface == 0).numpy().all()
     hit = structure.intersect(out)
     assert (hit.surface == 1).numpy().all()
+
+
+def test_from_triangles_one_step_between_numbers_wide():
+    # A million radii away, where 26 neighbours of an origin lie as far apart as the corners of its triangle.
+    found = spawned.far([Ours("bvh", "float32")], "float32", Counts(other=100_000, longest=60.0))["bvh"]
+    assert found["rays"] > 70_000
+    assert (found["value"], found["self_hits"]) == (0, 0)
