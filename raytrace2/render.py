@@ -98,8 +98,9 @@ def render(
         "accel": accel, "filter": filter, "differentials": differentials, "precision": precision, "size": size,
         "intersection": intersection,
     }  # fmt: skip
+    moving = params is not None and bool(params.with_derivatives())
     image = render_detailed(scene, sensor, integrator, seed=seed, spp=spp, progress=progress, **how).image
-    if params is None or not any(dr.grad_enabled(value) for _, value in params.items()):
+    if not moving:
         return image
     spp_grad, seed_grad = checked_counts(spp_grad or spp, unlike(seed) if seed_grad is None else seed_grad)
     again = Job.of(scene, _choices(scene, sensor, integrator, seed=seed_grad, spp=spp_grad, **how))

@@ -92,23 +92,45 @@ class SceneParameters(Mapping[str, Any]):
             if key in self._known and _indices(self._value(key)) != before:
                 self._dirty.add(key)
         changed = [key for key in self._known if key in self._dirty]
-        for key in changed:
-            dr.make_opaque(self._values[key])
         try:
-            # A function that is being frozen cannot look at values.
-            checked = not dr.flag(dr.JitFlag.FreezingScope)
-            if checked:
-                self._check(changed)
-            known = [self._known[key] for key in changed]
-            self.scene.assign([(p.key, p.place, p.field, self._values[p.key]) for p in known], checked=checked)
-        except ValueError:
-            for key in changed:
-                self._values.pop(key, None)
-            raise
+            self._commit(changed)
         finally:
             self._dirty.clear()
             self._handed_out.clear()
         return changed
+
+    def with_derivatives(self) -> list[str]:
+        """The names of the values that carry derivatives. The scene has these from then on, also where
+        ``dr.enable_grad`` came after the last :meth:`update`."""
+        entries = self.scene.store.entries
+        seen = [key for key, p in self._known.items() if key in self._values or p.place in entries]
+        found = [key for key in seen if dr.grad_enabled(self._value(key))]
+        asked = [key for key in found if not self._is_known(key)]
+        if asked:
+            self._commit(asked)
+        return found
+
+    def _is_known(self, key: str) -> bool:
+        entry, value = self.scene.store.entries.get(self._known[key].place), self._values[key]
+        if entry is None:
+            return False
+        # What was set in another precision carries the derivatives that it has there.
+        return dr.type_v(entry.value) != dr.type_v(value) or _indices(entry.value) == _indices(value)
+
+    def _commit(self, keys: list[str]) -> None:
+        for key in keys:
+            dr.make_opaque(self._values[key])
+        # A function that is being frozen cannot look at values.
+        checked = not dr.flag(dr.JitFlag.FreezingScope)
+        try:
+            if checked:
+                self._check(keys)
+            known = [self._known[key] for key in keys]
+            self.scene.assign([(p.key, p.place, p.field, self._values[p.key]) for p in known], checked=checked)
+        except ValueError:
+            for key in keys:
+                self._values.pop(key, None)
+            raise
 
     def keep(self, keys: str | list[str] | None) -> None:
         """Forgets all parameters but those whose names begin with one of the regular expressions ``keys``; None keeps

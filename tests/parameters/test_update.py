@@ -245,6 +245,23 @@ def test_what_is_handed_out_may_be_changed_in_place() -> None:
     assert dr.type_v(value) == dr.VarType.Float64 and (value.numpy() == 0).all()
 
 
+def test_derivatives_may_be_asked_for_after_an_update() -> None:
+    scene = rt.load_dict(scenes.scene())
+    params = rt.traverse(scene)
+    params["lamp.position"] = [0, 0, 4]
+    assert params.with_derivatives() == []
+    dr.enable_grad(params["lamp.intensity.value"])
+    assert params.with_derivatives() == params.with_derivatives() == ["lamp.intensity.value"]
+    changed = scene.store.clock
+    assert rt.traverse(scene, "float64").with_derivatives() == ["lamp.intensity.value"] and scene.store.clock == changed
+    # What was assigned waits for its update.
+    assert sorted(entry.key for entry in scene.store.entries.values()) == ["lamp.intensity.value"]
+    assert "lamp.position" in params.update()
+    params["lamp.intensity.value"] = dr.detach(params["lamp.intensity.value"])
+    params.update()
+    assert params.with_derivatives() == []
+
+
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
