@@ -162,6 +162,11 @@ class Bitmaps:
             found.append(Slot.of(blocks, "data", self._live.values(), made, moves=moves))
         return found
 
+    def constants(self) -> list[Any]:
+        """Arrays that :meth:`slots` read besides what they are of, which functions that are to be frozen must know."""
+        found = [] if self.pyramid is None else self.pyramid.constants(self._live)
+        return found + ([] if self.blocks is None else self.blocks.constants(self._live))
+
     @property
     def buffers(self) -> tuple[Any, ...]:
         """What of all that look-ups read can carry derivatives by texels."""

@@ -6,14 +6,15 @@ Sums over texels are in double precision, along u and then along v, for one band
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import drjit as dr
 import numpy as np
 
 from ..buffers import owned
 from ..types import Types
-from .block_lines import Side, Taps, pairs, texel_taps
+from .block_lines import Side, pairs, texel_taps
 from .replayed import summed
 
 # Sums along u that are kept at a time: about 50 MB of colours.
@@ -34,8 +35,14 @@ def fits(
     return _summed(fetch, reference, u, v, distances, types)
 
 
+def constants(u: Side, v: Side, types: Types) -> list[Any]:
+    """What :func:`fits` reads besides texels, for functions that are to be frozen, which must know of it."""
+    make: Any = _halves if u.halves and v.halves else _sums
+    return [array for side in (u, v) for array in make(side, types).constants()]
+
+
 def _merged(before: list[Any], stride: int, u: Side, v: Side, types: Types) -> list[Any]:
-    across, down = _Halves(u, types), _Halves(v, types)
+    across, down = _halves(u, types), _halves(v, types)
     row, column = _places(u.stored, v.stored, types)
     columns, rows = across.at(column), down.at(row)
     result = []
@@ -79,8 +86,19 @@ def _merged(before: list[Any], stride: int, u: Side, v: Side, types: Types) -> l
     return result
 
 
-class _Halves:
+class _Pairs(NamedTuple):
     """:class:`~raytrace2.textures.block_lines.Pairs` at some blocks."""
+
+    index: list[Any]
+    mean: list[Any]
+    lift: list[Any]
+    slope: list[Any]
+    place: list[Any]
+    share: Any
+
+
+class _Halves:
+    """:class:`~raytrace2.textures.block_lines.Pairs` of a side for kernels."""
 
     def __init__(self, side: Side, types: Types) -> None:
         self._types = types
@@ -91,29 +109,33 @@ class _Halves:
             np.column_stack([made.mean, made.lift, made.slope, made.place, made.share, 0 * made.share]), types.Float
         )
 
-    def at(self, block: Any) -> _Halves:
+    def at(self, block: Any) -> _Pairs:
         t = self._types
-        self.index = list(dr.gather(t.Array2u, self._index, block))
-        pairs_ = [dr.gather(t.Array2f, self._weights, block * 5 + k) for k in range(5)]
-        self.mean, self.lift, self.slope, self.place = (list(p) for p in pairs_[:4])
-        self.share = pairs_[4].x
-        return self
+        found = [list(dr.gather(t.Array2f, self._weights, block * 5 + k)) for k in range(5)]
+        return _Pairs(list(dr.gather(t.Array2u, self._index, block)), *found[:4], found[4][0])
+
+    def constants(self) -> list[Any]:
+        return [self._index, self._weights]
+
+
+# An optimisation makes blocks of the same sides at every step.
+_halves = lru_cache(maxsize=256)(_Halves)
 
 
 def _summed(fetch: Any, reference: Any, u: Side, v: Side, distances: bool, types: Types) -> list[Any]:
     UInt = types.UInt
-    taps_u, taps_v = texel_taps(u), texel_taps(v)
-    along_u, along_v = _Sums(taps_u, types), _Sums(taps_v, types)
+    along_u, along_v = _sums(u, types), _sums(v, types)
+    firsts = along_v.firsts
     channels = len(reference)
     bands: list[list[Any]] = []
     reach = along_v.taps
     start = 0
     while start < v.stored:
         end = start + 1
-        while end < v.stored and (np.ptp(taps_v.first[start : end + 1]) + reach) * u.stored <= _BAND:
+        while end < v.stored and (np.ptp(firsts[start : end + 1]) + reach) * u.stored <= _BAND:
             end += 1
-        first = int(taps_v.first[start:end].min())
-        count = int(taps_v.first[start:end].max()) + reach - first
+        first = int(firsts[start:end].min())
+        count = int(firsts[start:end].max()) + reach - first
         lines = _lines(fetch, reference, along_u, along_v, first, count, u, distances, types)
         row, column = _places(u.stored, end - start, types)
         block = row + dr.opaque(UInt, start)
@@ -222,10 +244,12 @@ def _turned(turn: Any, before: Any, sums: list[list[Any]], last: Any, buffers: S
 
 
 class _Sums:
-    """:class:`~raytrace2.textures.block_lines.Taps` for kernels."""
+    """:class:`~raytrace2.textures.block_lines.Taps` of a side for kernels."""
 
-    def __init__(self, taps: Taps, types: Types) -> None:
+    def __init__(self, side: Side, types: Types) -> None:
+        taps = texel_taps(side)
         self.taps = taps.mean.shape[1]
+        self.firsts = taps.first
         self._types = types
         self._double = dr.float64_array_t(types.Float)
         self._texels = owned(np.append(taps.texels, taps.texels[-1]), types.UInt)
@@ -244,6 +268,12 @@ class _Sums:
         entry = dr.fma(block, self._count, k)
         return list(dr.gather(dr.float64_array_t(self._types.Array4f), self._weights, entry))
 
+    def constants(self) -> list[Any]:
+        return [self._texels, self._first, self._weights, self._count]
+
+
+_sums = lru_cache(maxsize=256)(_Sums)
+
 
 def _places(columns: int, rows: int, types: Types) -> tuple[Any, Any]:
     block = dr.arange(types.UInt, columns * rows)
@@ -261,4 +291,4 @@ def _mean_square(fit: Any) -> Any:
     return dr.square(fit[0]) + (dr.square(fit[1]) + dr.square(fit[2])) * (1 / 12) + dr.square(fit[3]) * (1 / 144)
 
 
-__all__ = ["fits"]
+__all__ = ["constants", "fits"]

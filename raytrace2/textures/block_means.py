@@ -8,7 +8,7 @@ On level 0 the blocks are the cells that reconstruction itself works on, and the
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -18,7 +18,7 @@ import numpy as np
 
 from ..buffers import owned
 from ..types import Types
-from .block_fits import fits
+from .block_fits import constants, fits
 from .block_lines import Side, halvings, side
 from .texels import joined
 from .wrap import CLAMP, MIRROR
@@ -211,6 +211,10 @@ class BlockMeans:
         else:
             blocks = joined(pieces, data[0], 4 * channels, t)
         return blocks, whole[0] if self._single else joined(whole, data[1], 1, t)
+
+    def constants(self, images: Iterable[int]) -> list[Any]:
+        """What :meth:`with_images` reads besides texels."""
+        return [array for i in images for u, v in self._sides(i) for array in constants(u, v, self._types)]
 
     def build_deviations(self) -> None:
         """What :meth:`deviation` and :meth:`spread` read, if it is not there yet; not within a symbolic loop."""

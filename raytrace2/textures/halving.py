@@ -97,6 +97,12 @@ def _gathered(
     return sums
 
 
+def constants(width: int, height: int, kernel: str, mode: int, types: Types) -> list[Any]:
+    """What :func:`halve` reads besides texels, for functions that are to be frozen, which must know of it."""
+    sizes = [size for size in (width, height) if size > 1]
+    return [array for size in sizes for array in _buffers(size, kernel, mode, types)[:2]]
+
+
 @lru_cache(maxsize=256)
 def _buffers(size: int, kernel: str, mode: int, types: Types) -> tuple[Any, Any, int, bool]:
     """The :func:`taps` for kernels, how many a texel has, and whether all are different texels.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from ..buffers import owned
 from ..types import Types
-from .halving import half, halve
+from .halving import constants, half, halve
 from .texels import Texels
 
 # What the brightest texel of a channel is in the coarser levels of 8-bit images, which hold halves: kernels with
@@ -78,6 +78,16 @@ class Pyramid:
             for k, planes in enumerate(self._coarser(i, self._texels.planes(image)), self._parts[i]):
                 made[k] = planes
         return made
+
+    def constants(self, images: Iterable[int]) -> list[Any]:
+        """What :meth:`appended` reads besides texels."""
+        found = []
+        for i in images:
+            width, height = self._sizes[i]
+            for _ in range(1, level_count(width, height)):
+                found += constants(width, height, self._kernel, self._modes[i], self._types)
+                width, height = half(width), half(height)
+        return found
 
     def _coarser(self, image: int, planes: list[Any]) -> Iterator[list[Any]]:
         """Levels 1 and on of an image of the size of number ``image`` that has these ``planes``."""

@@ -299,6 +299,34 @@ def test_later_steps_compile_nothing() -> None:
             assert step < 2 or all(k["cache_hit"] for k in kernels)
 
 
+@pytest.mark.parametrize(("name", "pyramid"), [("trilinear", "lanczos"), ("exact", "box")])
+def test_what_is_made_of_texels_can_be_frozen(name: str, pyramid: str) -> None:
+    t = T32
+    rng = np.random.default_rng(5)
+    textures = [BitmapTexture(rng.random(s).astype(np.float32), raw=True) for s in ((30, 41, 3), (16, 16, 3))]
+    live = Live([Place(texture, "pixels") for texture in textures])
+    table = Bitmaps(textures, t, FilterSettings(name, pyramid=pyramid), live)
+
+    def gradients(tensors: list[Any]) -> list[Any]:
+        dr.enable_grad(tensors)
+        now = _present({id(texture): x for texture, x in zip(textures, tensors, strict=True)})
+        made = [v for slot in table.slots(moves=False) for v in _attached(slot.made(now))]
+        for v in made:
+            dr.set_grad(v, dr.square(dr.detach(v)))
+        dr.enqueue(dr.ADMode.Backward, *made)
+        dr.traverse(dr.ADMode.Backward)
+        return [dr.grad(x).array for x in tensors]
+
+    known = [_leaves(slot.base) for slot in table.slots(moves=False)]
+    frozen = dr.freeze(gradients, state_fn=lambda _: (table.constants(), known))
+    for step in range(3):
+        tensors = [t.TensorXf(texture.pixels) * dr.opaque(t.Float, step + 1) for texture in textures]
+        dr.eval(tensors)
+        expected = [np.array(x) for x in gradients([t.TensorXf(x) for x in tensors])]
+        for x, y in zip(frozen(tensors), expected, strict=True):
+            assert np.allclose(x, y, rtol=1e-4, atol=1e-5)
+
+
 def test_checkerboard_coverage() -> None:
     t, n = T64, 40
     rng = np.random.default_rng(9)
