@@ -6,8 +6,9 @@ Sums over texels are in double precision, along u and then along v, for one band
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import drjit as dr
 import numpy as np
@@ -86,7 +87,8 @@ def _merged(before: list[Any], stride: int, u: Side, v: Side, types: Types) -> l
     return result
 
 
-class _Pairs(NamedTuple):
+@dataclass(frozen=True)
+class _Pairs:
     """:class:`~raytrace2.textures.block_lines.Pairs` at some blocks."""
 
     index: list[Any]
