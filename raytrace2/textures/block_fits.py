@@ -113,8 +113,9 @@ class _Halves:
 
     def at(self, block: Any) -> _Pairs:
         t = self._types
-        found = [list(dr.gather(t.Array2f, self._weights, block * 5 + k)) for k in range(5)]
-        return _Pairs(list(dr.gather(t.Array2u, self._index, block)), *found[:4], found[4][0])
+        index = list(dr.gather(t.Array2u, self._index, block))
+        mean, lift, slope, place, share = (list(dr.gather(t.Array2f, self._weights, block * 5 + k)) for k in range(5))
+        return _Pairs(index, mean, lift, slope, place, share[0])
 
     def constants(self) -> list[Any]:
         return [self._index, self._weights]
