@@ -33,4 +33,5 @@ def by_choice(weight: Any, chance: Any) -> Any:
         return weight
     fixed = dr.detach(chance)
     likely = fixed > 0
-    return weight * dr.select(likely, chance / dr.select(likely, fixed, 1), 1)
+    # A one in itself, so that renders without derivatives by parameters do not compute it.
+    return weight * dr.replace_grad(type(chance)(1), dr.select(likely, chance / dr.select(likely, fixed, 1), 1))
