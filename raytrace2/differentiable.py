@@ -37,9 +37,10 @@ def differentiable(image: Any, job: Job, footprints: bool = True) -> Any:
     return dr.custom(_Render, values, image, _How(job, slots, moves, through))
 
 
-def unlike(seed: int) -> int:
-    """A seed for samples that have nothing to do with those of ``seed``."""
-    return (seed * 0x9E3779B1 + 0x85EBCA77) % 2**32
+def unlike(seed: Any) -> Any:
+    """A seed for samples that have nothing to do with those of ``seed`` (an int or a UInt)."""
+    found = seed * 0x9E3779B1 + 0x85EBCA77
+    return found % 2**32 if isinstance(found, int) else found
 
 
 class _How:
@@ -205,7 +206,9 @@ def _sum(values: list[Any]) -> Any:
 
 
 def _warn(longer: Any) -> None:
-    count = 0 if longer is None else int(longer[0])
+    if longer is None or dr.flag(dr.JitFlag.FreezingScope):
+        return
+    count = int(longer[0])
     if count:
         message = (
             f"{count} paths were longer than {LONGEST} bounces, and the gradients leave out what lies beyond: give the "

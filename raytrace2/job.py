@@ -36,7 +36,7 @@ class Choices:
     sensor: int
     camera: Camera
     integrator: Integrator
-    seed: int
+    seed: Any
     spp: int
     accel: str | None
     filter: str | None
@@ -69,7 +69,7 @@ class Job:
     filtering: Filtering
     view: View
     sampler: Sampler
-    seed: int
+    seed: Any
     passes: list[Wavefront]
     names: list[str]
 
@@ -123,7 +123,8 @@ class Job:
         """Adds the samples of a pass to the film."""
         offset, position, aperture = self.begin(wavefront)
         self.view.film.add(wavefront, offset, self._values(position, aperture))
-        dr.sync_thread()
+        if not dr.flag(dr.JitFlag.FreezingScope):
+            dr.sync_thread()
 
     def _values(self, position: Any, aperture: Any) -> list[Any]:
         """The values of one sample a lane: colour, then aovs."""

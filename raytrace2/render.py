@@ -57,7 +57,7 @@ def render(
     params: SceneParameters | None = None,
     sensor: int = 0,
     integrator: Integrator | str | None = None,
-    seed: int = 0,
+    seed: Any = 0,
     spp: int = 1,
     accel: str | None = None,
     filter: str | None = None,
@@ -68,7 +68,7 @@ def render(
     intersection: str | None = None,
     progress: bool | None = None,
     spp_grad: int = 0,
-    seed_grad: int | None = None,
+    seed_grad: Any = None,
     footprint_gradients: bool = True,
 ) -> Any:
     """Renders ``scene`` and returns its image, TensorXf (height, width, channels), linear, as ``mi.render`` does.
@@ -79,8 +79,8 @@ def render(
     ``"brute_force"``, options after a colon). ``filter`` (``"bilinear"``, ``"ewa"``, ``"exact"`` ...: see
     ``rt.filter_names()``; options after a colon) takes the place of the scene's choice, or of every bitmap's own, and
     ``differentials`` (``"autodiff"``, ``"none"`` ...) say how rays know the footprints that it covers: see
-    :func:`~raytrace2.filtering.plan_filtering`. ``precision`` is ``"float32"`` or ``"float64"``; ``size`` (width,
-    height) replaces the film's. ``intersection`` is ``"watertight"``, ``"fast"`` (see ``rt.accel.build``) or None for
+    :func:`~raytrace2.filtering.plan_filtering`. ``seed`` is a whole number, or a UInt of Dr.Jit. ``precision`` is
+    ``"float32"`` or ``"float64"``; ``size`` (width, height) replaces the film's. ``intersection`` is ``"watertight"``, ``"fast"`` (see ``rt.accel.build``) or None for
     the scene's own. ``progress`` shows a bar; None shows one on a terminal if there is more than one pass.
 
     With the scene's ``params`` (:func:`~raytrace2.traverse`; ``precision`` is then theirs unless given) of which some
@@ -89,6 +89,10 @@ def render(
     sequence than the image's; the image's own seed gives the derivative of that very image). They are those inside
     surfaces and shadows: that edges move is not seen. ``footprint_gradients``: footprints of texture filters depend on
     the camera and on surfaces; without, they count as constant.
+
+    It may be part of a function that Dr.Jit freezes (``dr.freeze``) and that has ``scene`` or ``params`` and the seed
+    among its arguments, if the same render was done once before; samples that are not finite are then left out without
+    a warning, and surfaces may move only between calls.
 
     Ctrl-C raises :class:`RenderInterrupted`, which holds the image so far. The same arguments give the same image
     to the bit.
@@ -112,7 +116,7 @@ def render_detailed(
     sensor: int = 0,
     integrator: Integrator | str | None = None,
     *,
-    seed: int = 0,
+    seed: Any = 0,
     spp: int = 1,
     accel: str | None = None,
     filter: str | None = None,
@@ -133,7 +137,7 @@ def render_detailed(
 
 
 def _choices(
-    scene: Scene, sensor: int, integrator: Integrator | str | None, *, seed: int, spp: int, accel: str | None,
+    scene: Scene, sensor: int, integrator: Integrator | str | None, *, seed: Any, spp: int, accel: str | None,
     filter: str | None, differentials: str | None, precision: str, size: tuple[int, int] | None,
     intersection: str | None, max_lanes: int = MAX_LANES,
 ) -> Choices:  # fmt: skip
@@ -165,6 +169,9 @@ def render_job(job: Job, progress: bool | None, begin: float) -> Rendering:
     def finished(samples: int) -> Rendering:
         image = film.develop()
         dr.eval(image)
+        if dr.flag(dr.JitFlag.FreezingScope):
+            # Nothing can be looked at, nor waited for.
+            return Rendering(image, job.channels, samples, prepared - begin, time.perf_counter() - prepared)
         dr.sync_thread()
         job.traced.structure.check_turns()
         bad = film.non_finite_samples()

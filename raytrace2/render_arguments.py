@@ -5,10 +5,13 @@ from __future__ import annotations
 import os
 from typing import Any
 
+import drjit as dr
+
 from .arguments import shown, whole_number
 from .errors import SettingError
 from .scene.description import Film, Integrator
 from .scene.scene import Scene
+from .types import types
 
 _SIDES = ("width", "height")
 _LARGEST_SIDE = 1 << 20
@@ -23,9 +26,22 @@ def check_scene(scene: Any) -> None:
         raise TypeError(f"render takes a Scene, as rt.load_file gives it, not {shown(scene)}")
 
 
-def checked_counts(spp: Any, seed: Any) -> tuple[int, int]:
-    """Samples a pixel and seed as ints; ``SettingError`` for other things and for counts out of range."""
-    return whole_number(spp, "spp (0: the scene's own)", least=0, most=_MOST_SAMPLES), whole_number(seed, "seed")
+def checked_counts(spp: Any, seed: Any) -> tuple[int, Any]:
+    """Samples a pixel as an int, and the seed, an int or a UInt of Dr.Jit; ``SettingError`` for other things and for
+    counts out of range."""
+    spp = whole_number(spp, "spp (0: the scene's own)", least=0, most=_MOST_SAMPLES)
+    if not isinstance(seed, dr.ArrayBase):
+        return spp, whole_number(seed, "seed")
+    if not dr.is_integral_v(seed) or dr.depth_v(seed) != 1 or dr.width(seed) != 1:
+        raise SettingError(f"seed must be one whole number, not {dr.width(seed)} {type(seed).__name__}")
+    return spp, types("float32").UInt(seed)
+
+
+def checked_visibility(samples: Any) -> bool | int:
+    """False, True, or a number of samples; ``SettingError`` for anything else."""
+    if isinstance(samples, bool):
+        return samples
+    return whole_number(samples, "visibility_gradients (or True, or False)", least=0, most=_MOST_SAMPLES)
 
 
 def checked_size(size: Any) -> tuple[int, int]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import drjit as dr
+
 from ..live import Slot
 from ..rays.camera import Camera, make_camera
 from ..rays.live_camera import camera_slots
@@ -27,4 +29,9 @@ def live_camera(
     if isinstance(settings, description.PerspectiveCamera):
         now: Any = scene.store.current(original)
         scale = math.tan(math.radians(settings.x_fov) / 2) / math.tan(math.radians(now.x_fov) / 2)
-    return camera, tuple(camera_slots(camera, settings, original, scene.store.live(), scale))
+    slots = tuple(camera_slots(camera, settings, original, scene.store.live(), scale))
+    if dr.flag(dr.JitFlag.FreezingScope):
+        # The description is of some time before.
+        for slot in slots:
+            slot.assign(dr.detach(slot.made(scene.store.values(types))))
+    return camera, slots

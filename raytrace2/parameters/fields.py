@@ -9,6 +9,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from ..buffers import owned
 from ..errors import SettingError
 from ..scene.color import linear_pixels
 from ..scene.mesh_files.normals import vertex_normals
@@ -188,9 +189,7 @@ class Buffer(Field):
         return np.asarray(getattr(owner, self.name))
 
     def read(self, owner: Any, types: Types) -> Any:
-        value = types.Float(np.ascontiguousarray((self.array(owner) * self.sign(owner)).ravel(), types.numpy))
-        dr.make_opaque(value)
-        return value
+        return _copied(self.array(owner) * self.sign(owner), types)
 
     def replaced(self, owner: Any, value: Any) -> Any:
         return replace(owner, **{self.name: self.host(owner, value)})
@@ -254,7 +253,7 @@ def coerced_tensor(key: str, given: Any, before: Any, types: Types) -> Any:
         value = types.TensorXf(types.Float(given.array), given.shape)
     else:
         array = _numbers(key, given, "an image")
-        value = types.TensorXf(types.Float(np.ascontiguousarray(array, types.numpy).ravel()), array.shape)
+        value = types.TensorXf(_copied(array, types), array.shape)
     if tuple(value.shape) != tuple(before.shape):
         raise SettingError(f"{key} must have the shape {tuple(before.shape)}, not {tuple(value.shape)}")
     return value
@@ -276,7 +275,7 @@ def _floats(key: str, given: Any, types: Types, width: int, wanted: str) -> Any:
     if isinstance(given, dr.ArrayBase) and dr.depth_v(given) == 1:
         value = types.Float(given.array if dr.is_tensor_v(given) else given)
     else:
-        value = types.Float(np.ascontiguousarray(_numbers(key, given, wanted).ravel(), types.numpy))
+        value = _copied(_numbers(key, given, wanted), types)
     if dr.width(value) != width:
         raise SettingError(f"{key} must be {wanted}, not {dr.width(value)}")
     return value
@@ -314,9 +313,12 @@ def _matrix(matrix: np.ndarray, types: Types) -> Any:
 
 
 def _tensor(pixels: np.ndarray, types: Types) -> Any:
-    value = types.TensorXf(types.Float(np.ascontiguousarray(pixels, types.numpy).ravel()), pixels.shape)
-    dr.make_opaque(value)
-    return value
+    return types.TensorXf(_copied(pixels, types), pixels.shape)
+
+
+def _copied(array: np.ndarray, types: Types) -> Any:
+    # Dr.Jit ends the process if memory of NumPy's is given back while a function is being frozen.
+    return owned(np.ascontiguousarray(array, types.numpy), types.Float)
 
 
 def _host(value: Any) -> np.ndarray:

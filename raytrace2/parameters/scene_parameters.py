@@ -20,8 +20,12 @@ class SceneParameters(Mapping[str, Any]):
     """A mapping of names to values, Dr.Jit arrays of one precision; see :func:`traverse`.
 
     As in Mitsuba, iterating gives pairs of names and values, what is read may be changed in place, and nothing of it
-    shows in the scene before :meth:`update`.
+    shows in the scene before :meth:`update`. Functions that Dr.Jit freezes (``dr.freeze``) take them as an argument,
+    which has all of the scene in it.
     """
+
+    #: As Dr.Jit sees them.
+    DRJIT_STRUCT = {"scene": Scene, "frozen_values": dict}
 
     def __init__(self, scene: Scene, precision: str, known: Mapping[str, Parameter]) -> None:
         self.scene = scene
@@ -30,6 +34,11 @@ class SceneParameters(Mapping[str, Any]):
         self._values: dict[str, Any] = {}
         self._handed_out: dict[str, tuple[Any, ...]] = {}
         self._dirty: set[str] = set()
+
+    @property
+    def frozen_values(self) -> dict[str, Any]:
+        """What a function that Dr.Jit freezes reads and writes besides the scene."""
+        return self._values if dr.flag(dr.JitFlag.EnableObjectTraversal) else {}
 
     def keys(self) -> Any:
         """The names."""

@@ -51,6 +51,13 @@ class Store:
         now = {p: e for p, e in self.entries.items() if e is not entries.get(p)}
         self.entries = {p: replace(e, changed=self.clock) if p in now else e for p, e in entries.items()}
 
+    def touch(self) -> None:
+        """Tells that values may have changed unseen, those aside by which surfaces stand."""
+        self.clock += 1
+        for entry in self.entries.values():
+            if not entry.field.moves_surfaces:
+                entry.changed = self.clock
+
     def values(self, types: Types) -> Values:
         """The values, with their derivatives, in the precision of ``types``."""
         return lambda place: converted(self.entries[place].value, types)
@@ -88,6 +95,9 @@ class Store:
             return item
         changed = self.changed(item)
         known = self._current.get(id(item))
+        if dr.flag(dr.JitFlag.FreezingScope):
+            # Values cannot be looked at: what follows from them is read from buffers.
+            return item if known is None else known[1]
         if known is None or known[0] != changed:
             known = self._current[id(item)] = changed, self._made(item), item
         return known[1]

@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import drjit as dr
-
 from ..types import Precision, types
-from .random import sample_tea, sequence_streams, uniform
+from .random import opaque_sum, sample_tea, sequence_streams, uniform
 from .wavefront import Wavefront
 
 
@@ -24,11 +22,11 @@ class Independent:
     base_seed: int
     rng: Any = None
 
-    def seed(self, seed: int, wavefront: Wavefront) -> None:
+    def seed(self, seed: Any, wavefront: Wavefront) -> None:
         """Begin the sequences of the lanes of ``wavefront``, other ones for every ``seed`` modulo 2^32."""
         t = types(self.precision)
         lane, _, _ = sequence_streams(wavefront, self.sample_count)
-        state, stream = sample_tea(dr.opaque(t.UInt, (self.base_seed + seed) % 2**32), lane)
+        state, stream = sample_tea(opaque_sum(self.base_seed, seed), lane)
         self.rng = t.PCG32()
         self.rng.seed(t.UInt64(state), t.UInt64(stream))
 

@@ -8,7 +8,7 @@ from typing import Any
 import drjit as dr
 
 from ..types import Precision, types
-from .random import fraction, mix, sample_tea
+from .random import fraction, mix, opaque_sum, sample_tea
 from .wavefront import Wavefront
 
 
@@ -29,12 +29,12 @@ class LowDiscrepancy:
     sample: Any = None
     dimension: Any = None
 
-    def seed(self, seed: int, wavefront: Wavefront) -> None:
+    def seed(self, seed: Any, wavefront: Wavefront) -> None:
         """Begin the sequences of the lanes of ``wavefront``, other ones for every ``seed`` modulo 2^32."""
         UInt = types(self.precision).UInt
         # Keyed by the pixel alone, so that more samples continue the sequence that fewer began.
         pixel, self.sample = wavefront.pixel_and_sample()
-        self.sequence, _ = sample_tea(dr.opaque(UInt, (self.base_seed + seed) % 2**32), pixel)
+        self.sequence, _ = sample_tea(opaque_sum(self.base_seed, seed), pixel)
         self.dimension = dr.zeros(UInt, wavefront.size)
 
     def next_1d(self, active: Any = True) -> Any:

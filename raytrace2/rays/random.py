@@ -23,6 +23,17 @@ def sample_tea(v0: Any, v1: Any, rounds: int = 4) -> tuple[Any, Any]:
     return v0, v1
 
 
+def opaque_sum(*numbers: Any) -> Any:
+    """The sum of whole numbers (ints, UInts of width 1) modulo 2^32, a UInt that kernels read from memory."""
+    known = sum(n for n in numbers if isinstance(n, int))
+    total = dr.opaque(_UInt, known % 2**32)
+    for n in numbers:
+        if not isinstance(n, int):
+            total = total + _UInt(n)
+    dr.make_opaque(total)
+    return total
+
+
 def mix(x: Any) -> Any:
     """A UInt whose bits each depend on all bits of ``x`` (a bijection; finaliser found by Ellis 2018, "prospector")."""
     x = (x ^ (x >> 16)) * 0x7FEB352D

@@ -22,8 +22,8 @@ class Sampler(Protocol):
 
     sample_count: int
 
-    def seed(self, seed: int, wavefront: Wavefront) -> None:
-        """Begin the sequences of the lanes of ``wavefront``."""
+    def seed(self, seed: Any, wavefront: Wavefront) -> None:
+        """Begin the sequences of the lanes of ``wavefront``; ``seed`` is an int or a UInt of width 1."""
 
     def next_1d(self, active: Any = True) -> Any:
         """One Float a lane."""

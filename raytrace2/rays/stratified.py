@@ -9,7 +9,7 @@ from typing import Any
 import drjit as dr
 
 from ..types import Precision, types
-from .random import below_one, permute, sample_tea, sequence_streams, uniform
+from .random import below_one, opaque_sum, permute, sample_tea, sequence_streams, uniform
 from .wavefront import Wavefront
 
 
@@ -44,15 +44,15 @@ class Stratified:
         side = math.isqrt(self.sample_count)
         return side, side
 
-    def seed(self, seed: int, wavefront: Wavefront) -> None:
+    def seed(self, seed: Any, wavefront: Wavefront) -> None:
         """Begin the sequences of the lanes of ``wavefront``, other ones for every ``seed`` modulo 2^32."""
         t = types(self.precision)
         lane, first, self.sample = sequence_streams(wavefront, self.sample_count)
-        state, stream = sample_tea(dr.opaque(t.UInt, (self.base_seed + seed) % 2**32), lane)
+        state, stream = sample_tea(opaque_sum(self.base_seed, seed), lane)
         self.rng = t.PCG32()
         self.rng.seed(t.UInt64(state), t.UInt64(stream))
         base = dr.opaque(t.UInt, self.base_seed % 2**32)
-        self.permutation, _ = sample_tea(base, first + dr.opaque(t.UInt, seed % 2**32))
+        self.permutation, _ = sample_tea(base, first + opaque_sum(seed))
         self.dimension = dr.zeros(t.UInt, wavefront.size)
         # Read from memory, so that kernels do not depend on the sample count.
         columns, rows = self.resolution()

@@ -6,14 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
+import drjit as dr
+
 from ..accel.build import build
 from ..accel.bvh import Bvh
 from ..errors import GeometryError, Problem, SceneError
 from ..lights.table import check_lights
-from ..live import Place
+from ..live import Live, Place
 from ..parameters.fields import Field
 from ..parameters.store import Store
 from ..rays.camera import make_camera
+from ..reachable import reachable
 from ..surfaces.door import origin_of
 from ..surfaces.hit import Hit
 from ..surfaces.instance import Instance
@@ -26,7 +29,7 @@ from ..surfaces.transforms import checked_transform
 from ..textures.filter_settings import FilterSettings
 from ..types import types, types_of
 from . import description
-from .traced import TracedScene
+from .traced import TracedScene, refuse_while_freezing
 
 _QUADRICS: dict[type[description.Shape], type[Surface]] = {
     description.SphereShape: Sphere,
@@ -54,7 +57,12 @@ class Scene:
 
     ``accel`` is the structure used where none is named: the scene's own setting, or ``"bvh"``; ``intersection``
     likewise, ``"watertight"`` unless the scene says ``"fast"``.
+
+    Functions that Dr.Jit freezes (``dr.freeze``) take a scene, or its parameters, as an argument.
     """
+
+    #: As Dr.Jit sees a scene.
+    DRJIT_STRUCT = {"frozen_state": tuple}
 
     def __init__(
         self, source: description.SceneDescription, origin: Any = None, parameters: dict[str, Any] | None = None
@@ -75,6 +83,9 @@ class Scene:
         self._structures: dict[_Key, _Built] = {}
         self._groups: dict[tuple[int, _Key], _Built] = {}
         self._traced: dict[tuple[_Key, FilterSettings | None], TracedScene] = {}
+        # Another array whenever a frozen function has assigned values.
+        self._written = dr.opaque(types("float32").UInt, 0)
+        self._seen = self._written.index
         self._check_geometry()
 
     def traced(
@@ -88,10 +99,12 @@ class Scene:
 
         ``filter`` takes the place of every bitmap's own if given.
         """
+        self._notice()
         key = (accel or self.accel, precision, intersection or self.intersection)
         structure = self._structure(key)
         known = self._traced.get((key, filter))
         if known is None or known.live.places != self.store.entries.keys() or not known.refresh(structure):
+            refuse_while_freezing()
             source = self.store.current(self.description)
             shapes = {id(surface): shape for shape, surface in self._shape_surfaces(source)}
             known = TracedScene(source, structure, shapes, filter, self.store)
@@ -103,6 +116,10 @@ class Scene:
         """Gives places new values, each with its name and kind. ``GeometryError`` or ``SceneError`` for what cannot be,
         where that is ``checked``; then nothing has changed."""
         before = dict(self.store.entries)
+        if dr.flag(dr.JitFlag.FreezingScope):
+            if any(place not in before or field.moves_surfaces for _, place, field, _ in values):
+                refuse_while_freezing()
+            self._written = dr.opaque(type(self._written), 0)
         for key, place, field, value in values:
             self.store.set(place, field, key, value)
         if not checked:
@@ -126,7 +143,24 @@ class Scene:
     @property
     def cameras(self) -> tuple[description.Camera, ...]:
         """The cameras as they are now."""
+        self._notice()
         return tuple(self.store.current(camera) for camera in self.description.cameras)
+
+    @property
+    def frozen_state(self) -> tuple[list[Any], int]:
+        """What a function that Dr.Jit freezes reads and writes of the scene: arrays, and a number that is another one
+        where kernels may be others. Nothing to functions of Dr.Jit that only look for arrays."""
+        if not dr.flag(dr.JitFlag.EnableObjectTraversal):
+            return [], 0
+        if not dr.flag(dr.JitFlag.FreezingScope):
+            # What changes between calls must be in the buffers before the call.
+            for ((accel, precision, intersection), filter), before in list(self._traced.items()):
+                self.traced(accel, precision, filter, intersection).make_what(before)
+        known = self._traced.values()
+        values = [entry.value for entry in self.store.entries.values()]
+        roots = [self._written, values, *(held for traced in known for held in traced.held())]
+        arrays, plain = reachable(roots, (Store, Scene, TracedScene, Live))
+        return arrays, hash((plain, *map(id, known)))
 
     def intersect(self, ray: Any, active: Any = True) -> Hit:
         """The closest hit of each active ray, in the precision of the rays."""
@@ -145,6 +179,15 @@ class Scene:
         counts = f"{len(d.shapes)} shapes, {len(d.lights)} lights, {len(d.cameras)} cameras"
         return f"Scene({d.source or 'in memory'}: {counts})"
 
+    def _notice(self) -> None:
+        """Finds out whether a frozen function has changed values since: when it is called again, no Python runs."""
+        if self._written.index == self._seen or dr.flag(dr.JitFlag.FreezingScope):
+            return
+        self._seen = self._written.index
+        self.store.touch()
+        for traced in self._traced.values():
+            traced.notice()
+
     def _for(self, ray: Any) -> TracedScene:
         return self.traced(precision=types_of(origin_of(ray)).precision)
 
@@ -153,6 +196,7 @@ class Scene:
         when = self.store.moved(self.description)
         known = self._structures.get(key)
         if known is None or known.when != when:
+            refuse_while_freezing()
             known = self._structures[key] = _Built(self._moved(known, self._items(key), key), when)
         return known.structure
 

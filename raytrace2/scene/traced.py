@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import drjit as dr
@@ -22,6 +22,15 @@ from ..surfaces.structure import Structure
 from ..textures.filter_settings import FilterSettings
 from ..textures.table import TextureTable
 from . import description
+
+
+def refuse_while_freezing() -> None:
+    """``SettingError`` in a function that Dr.Jit is freezing."""
+    if dr.flag(dr.JitFlag.FreezingScope):
+        raise SettingError(
+            "a function that is being frozen can make no tables or structures and move no surfaces: update the "
+            "parameters that it changes, and render once with the same arguments, before it is called"
+        )
 
 
 class TracedScene:
@@ -54,6 +63,9 @@ class TracedScene:
         self._instance_numbers = owned(np.array(through, dtype=np.uint32), UInt) if through else None
         structure.prepare()
         self._built, self._fresh = self.store.clock, 0
+        # Another array whenever a frozen function has written the slots.
+        self._written = dr.opaque(self.types.UInt, 0)
+        self._seen = self._written.index
 
     @property
     def draws_texels(self) -> bool:
@@ -66,6 +78,7 @@ class TracedScene:
 
     @functools.cached_property
     def _tables(self) -> tuple[MaterialTable, LightTable]:
+        refuse_while_freezing()
         meshes = {k: s for k, s in enumerate(self._shapes) if isinstance(s, description.MeshShape) and s.attributes}
         textures = TextureTable(self.types, meshes, self.filter, self.live)
         emitting = [(k, s) for k, s in enumerate(self._shapes) if s.emitter is not None]
@@ -130,7 +143,31 @@ class TracedScene:
             for slot, value in zip(stale, made, strict=True):
                 slot.assign(value)
             self._fresh = self.store.clock
+            if dr.flag(dr.JitFlag.FreezingScope):
+                self._written = dr.opaque(self.types.UInt, 0)
         return True
+
+    def make_what(self, other: TracedScene) -> None:
+        """Makes the tables that ``other`` has."""
+        if "_material_of" in other.__dict__:
+            self.prepare_shading()
+
+    def held(self) -> list[Any]:
+        """What has the arrays that kernels read."""
+        made = [self.__dict__.get(name) for name in ("_tables", "slots", "_material_of")]
+        return [self.structure, self._shape_numbers, self._instance_numbers, self._written, *made]
+
+    def notice(self) -> None:
+        """After a frozen function has changed values of the store: takes it that the slots are those of the present
+        values if that function wrote them."""
+        if self._written.index != self._seen:
+            self._seen, self._fresh = self._written.index, self.store.clock
+
+    def surfaces_of(self, places: Collection[Place]) -> list[int]:
+        """The numbers of the surfaces that stand by any of ``places``."""
+        fields = ("vertices", "to_world")
+        own = [{self.live.place(shape, field) for field in fields} for shape in self._shapes]
+        return [k for k, mine in enumerate(own) if not mine.isdisjoint(places)]
 
     @property
     def materials(self) -> MaterialTable:

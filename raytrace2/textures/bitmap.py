@@ -162,7 +162,7 @@ class Bitmaps:
             found.append(Slot.of(blocks, "data", self._live.values(), made, moves=moves))
         return found
 
-    def constants(self) -> list[Any]:
+    def held_elsewhere(self) -> list[Any]:
         """Arrays that :meth:`slots` read besides what they are of, which functions that are to be frozen must know."""
         found = [] if self.pyramid is None else self.pyramid.constants(self._live)
         return found + ([] if self.blocks is None else self.blocks.constants(self._live))

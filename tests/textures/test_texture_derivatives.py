@@ -318,7 +318,7 @@ def test_what_is_made_of_texels_can_be_frozen(name: str, pyramid: str) -> None:
         return [dr.grad(x).array for x in tensors]
 
     known = [_leaves(slot.base) for slot in table.slots(moves=False)]
-    frozen = dr.freeze(gradients, state_fn=lambda _: (table.constants(), known))
+    frozen = dr.freeze(gradients, state_fn=lambda _: (table.held_elsewhere(), known))
     for step in range(3):
         tensors = [t.TensorXf(texture.pixels) * dr.opaque(t.Float, step + 1) for texture in textures]
         dr.eval(tensors)
