@@ -12,6 +12,7 @@ from typing import Any
 
 import drjit as dr
 
+from .boundary.motion import Boundary
 from .errors import SettingError
 from .integrators.replay import LONGEST, Replay, direct_again, path_backward, path_forward
 from .job import Job
@@ -24,9 +25,10 @@ from .rays.wavefront import Wavefront
 _SAME_FOOTPRINTS = ("analytic", "autodiff", "autodiff2")
 
 
-def differentiable(image: Any, job: Job, footprints: bool = True) -> Any:
+def differentiable(image: Any, job: Job, footprints: bool = True, visibility: bool | int = False) -> Any:
     """``image`` as a function of all live values that carry derivatives, which are taken with the samples of ``job``:
-    ``footprints``, through footprints too. ``SettingError`` for what has no derivatives."""
+    ``footprints``, through footprints too; ``visibility``, with moving edges, by as many points of them as it says
+    (True: as there are samples). ``SettingError`` for what has no derivatives."""
     slots, values = job.moving()
     if not slots:
         return image
@@ -34,7 +36,8 @@ def differentiable(image: Any, job: Job, footprints: bool = True) -> Any:
         raise SettingError("aovs have no derivatives: render with integrator='path' or 'direct', or detach the params")
     moves = any(slot.moves for slot in slots)
     through = _footprints(job) if moves and footprints else None
-    return dr.custom(_Render, values, image, _How(job, slots, moves, through))
+    boundary = Boundary(job, slots, 0 if visibility is True else visibility) if moves and visibility else None
+    return dr.custom(_Render, values, image, _How(job, slots, moves, through, boundary))
 
 
 def unlike(seed: Any) -> Any:
@@ -44,13 +47,16 @@ def unlike(seed: Any) -> Any:
 
 
 class _How:
-    """The samples by which to differentiate, what by, whether rays move with it, and what footprints move by.
+    """The samples by which to differentiate, what by, whether rays move with it, what footprints move by, and the
+    edges that move.
 
     No dataclass: Dr.Jit would take it for a PyTree, and give the operation a copy of everything below it.
     """
 
-    def __init__(self, job: Job, slots: list[Slot], moves: bool, through: Differentials | None) -> None:
-        self.job, self.slots, self.moves, self.through = job, slots, moves, through
+    def __init__(
+        self, job: Job, slots: list[Slot], moves: bool, through: Differentials | None, boundary: Boundary | None
+    ) -> None:
+        self.job, self.slots, self.moves, self.through, self.boundary = job, slots, moves, through, boundary
 
 
 class _Render(dr.CustomOp):
@@ -77,6 +83,7 @@ class _Moving:
     job: Job
     slots: list[Slot]
     replay: Replay
+    boundary: Boundary | None
 
     @staticmethod
     def of(values: list[Any], how: _How, tangents: list[Any] | None) -> _Moving:
@@ -85,7 +92,7 @@ class _Moving:
         if tangents is not None:
             dr.set_grad(copies, tangents)
         how.job.view.film.clear()
-        return _Moving(how.job, how.slots, Replay(copies, how.moves, how.through))
+        return _Moving(how.job, how.slots, Replay(copies, how.moves, how.through), how.boundary)
 
     def value_adjoints(self, image: Any) -> list[Any]:
         """The adjoint of each value, given that of the image."""
@@ -101,6 +108,10 @@ class _Moving:
                 longer = self._pass_backward(wavefront, adjoint)
                 dr.eval([dr.grad(v) for v in self.replay.values], longer)
                 _warn(longer)
+            if self.boundary is not None:
+                for crossings in self.boundary.crossings(self.replay.values):
+                    crossings.backward(film, adjoint)
+                    dr.eval([dr.grad(v) for v in self.replay.values])
         return [dr.grad(v) for v in self.replay.values]
 
     def image_tangent(self) -> Any:
@@ -110,6 +121,9 @@ class _Moving:
             for wavefront in job.passes:
                 offset, change = self._pass_forward(wavefront)
                 film.add(wavefront, offset, list(dr.detach(change)))
+            if self.boundary is not None:
+                for crossings in self.boundary.crossings(self.replay.values):
+                    crossings.forward(film)
         return film.develop()
 
     def _pass_backward(self, wavefront: Wavefront, adjoint: Any) -> Any:

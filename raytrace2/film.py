@@ -104,6 +104,22 @@ class Film:
         if not dr.grad_enabled(self._sums):
             dr.eval(self._sums, self._bad)
 
+    def add_to_sums(self, pixel: Any, offset: Any, values: list[Any], active: Any) -> None:
+        """Adds ``values`` to what samples at ``offset`` in ``pixel`` add to, without counting them as samples. Sums may
+        vary from run to run in their last bits."""
+        self._splat(pixel, offset, [*values, self.types.Float(0)], active)
+        dr.eval(self._sums)
+
+    def pixel_at(self, x: Any, y: Any) -> tuple[Any, Any, Any]:
+        """The inverse of :meth:`position`: the pixel, the offset in it, and whether samples are taken there (Bool), for
+        film positions ``x``, ``y`` (Floats)."""
+        t = self.types
+        x, y = x * t.Float(self._columns) + self.border, y * t.Float(self._rows) + self.border
+        inside = (x >= 0) & (y >= 0) & (x < t.Float(self._sampled_columns)) & (y < t.Float(self._sampled_rows))
+        x, y = dr.select(inside, x, 0), dr.select(inside, y, 0)
+        column, row = dr.floor(x), dr.floor(y)
+        return t.UInt(row) * self._sampled_columns + t.UInt(column), t.Array2f(x - column, y - row), inside
+
     def develop(self) -> Any:
         """The image so far, TensorXf (height, width, channels): filtered values over weights, 0 where no sample fell.
 
@@ -142,11 +158,11 @@ class Film:
         dr.eval(found)
         return found
 
-    def sample_adjoints(self, adjoint: Any, wavefront: Wavefront, offset: Any) -> list[Any]:
-        """The adjoint of each value of each sample (Floats) of a pass, given that of the sums; ``offset`` as for
-        :meth:`add`."""
+    def sample_adjoints(self, adjoint: Any, where: Any, offset: Any) -> list[Any]:
+        """The adjoint of each value of each sample (Floats) of a pass, given that of the sums; ``where`` and ``offset``
+        as for :meth:`add`, pixels below ``pixel_count``."""
         t, taps, stride = self.types, self.filter.taps, self.channels + 1
-        column, row = self._crop_pixel(wavefront.pixel_and_sample()[0])
+        column, row = self._crop_pixel(where.pixel_and_sample()[0] if isinstance(where, Wavefront) else where)
         weights_x, weights_y = (self._tap_weights(place) for place in (offset.x, offset.y))
         found = [t.Float(0)] * self.channels
         for j in range(2 * taps + 1):

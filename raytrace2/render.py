@@ -15,7 +15,14 @@ from .differentiable import differentiable, unlike
 from .errors import SettingError
 from .job import RADIANCE, Choices, Job
 from .parameters.scene_parameters import SceneParameters
-from .render_arguments import check_integrator, check_names, check_scene, checked_counts, checked_size
+from .render_arguments import (
+    check_integrator,
+    check_names,
+    check_scene,
+    checked_counts,
+    checked_size,
+    checked_visibility,
+)
 from .scene.description import Camera, Integrator, PerspectiveCamera
 from .scene.field_of_view import fov_along, x_fov_of
 from .scene.scene import Scene
@@ -70,6 +77,7 @@ def render(
     spp_grad: int = 0,
     seed_grad: Any = None,
     footprint_gradients: bool = True,
+    visibility_gradients: bool | int = False,
 ) -> Any:
     """Renders ``scene`` and returns its image, TensorXf (height, width, channels), linear, as ``mi.render`` does.
 
@@ -87,7 +95,9 @@ def render(
     carry derivatives, the image is a differentiable function of these, in reverse and in forward mode. Derivatives take
     ``spp_grad`` samples a pixel of their own (0: as many as the image), drawn from ``seed_grad`` (None: from another
     sequence than the image's; the image's own seed gives the derivative of that very image). They are those inside
-    surfaces and shadows: that edges move is not seen. ``footprint_gradients``: footprints of texture filters depend on
+    surfaces and shadows: that edges move is not seen, but for ``visibility_gradients``, which costs: True takes as many
+    points of moving edges as there are samples, a number so many (see :mod:`raytrace2.boundary`).
+    ``footprint_gradients``: footprints of texture filters depend on
     the camera and on surfaces; without, they count as constant.
 
     It may be part of a function that Dr.Jit freezes (``dr.freeze``) and that has ``scene`` or ``params`` and the seed
@@ -108,7 +118,7 @@ def render(
         return image
     spp_grad, seed_grad = checked_counts(spp_grad or spp, unlike(seed) if seed_grad is None else seed_grad)
     again = Job.of(scene, _choices(scene, sensor, integrator, seed=seed_grad, spp=spp_grad, **how))
-    return differentiable(image, again, footprint_gradients)
+    return differentiable(image, again, footprint_gradients, checked_visibility(visibility_gradients))
 
 
 def render_detailed(

@@ -38,6 +38,7 @@ LAYERS = (
     ("integrators",),
     ("filtering", "render_arguments"),
     ("job",),
+    ("boundary",),
     ("differentiable",),
     ("render",),
     ("box_edges", "box_cuts", "picture_parts"),

@@ -27,6 +27,12 @@ class Orthographic:
         self._axes = opaque_vectors([*axes, direction], types.Array3f)
         self._range = dr.opaque(types.Float, desc.far_clip - desc.near_clip)
 
+    @property
+    def axes(self) -> tuple[Any, Any, Any, Any]:
+        """The point of film position (0, 0), how it grows, and the unit direction of all rays."""
+        corner, du, dv, direction = self._axes
+        return corner, du, dv, direction
+
     def sample_ray(self, film_position: Any, aperture_sample: Any = None) -> Ray:
         """Rays of unit direction through ``film_position``: Array2f in [0, 1]^2 of the crop window, from the top left.
 

@@ -26,6 +26,11 @@ class Perspective:
             dr.opaque(types.Float, desc.far_clip - desc.near_clip),
         )
 
+    def pinhole(self, aperture_sample: Any = None) -> tuple[Any, Any, Any, Any]:
+        """Where rays come from, their direction of depth 1 through film position (0, 0), and how that grows."""
+        corner, du, dv, origin = self._axes
+        return origin, corner, du, dv
+
     def sample_ray(self, film_position: Any, aperture_sample: Any = None) -> Ray:
         """Rays of unit direction through ``film_position``: Array2f in [0, 1]^2 of the crop window, from the top left.
 

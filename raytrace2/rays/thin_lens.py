@@ -37,6 +37,16 @@ class ThinLens:
         )
         self._power = dr.opaque(types.Float, 1 / desc.focus_distance)
 
+    def pinhole(self, aperture_sample: Any = None) -> tuple[Any, Any, Any, Any]:
+        """Where rays through a point of the lens (None: its middle) come from, their direction of depth 1 through film
+        position (0, 0), and how that grows."""
+        corner, du, dv, origin, lens_x, lens_y = self._axes
+        if aperture_sample is None:
+            return origin, corner, du, dv
+        disk = square_to_uniform_disk_concentric(aperture_sample)
+        lens = dr.fma(lens_x, disk.x, lens_y * disk.y)
+        return origin + lens, dr.fma(lens, -self._power, corner), du, dv
+
     def sample_ray(self, film_position: Any, aperture_sample: Any = None) -> Ray:
         """Rays of unit direction through ``film_position``: Array2f in [0, 1]^2 of the crop window, from the top left.
 

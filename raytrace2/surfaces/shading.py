@@ -31,6 +31,8 @@ class Shading:
 
     def __init__(self, surfaces: Sequence[Surface], instances: Sequence[Instance], types: Types) -> None:
         self.types = types
+        #: Whatever others make once of the same surfaces, by keys of theirs.
+        self.kept: dict[Any, Any] = {}
         #: Of each surface, if it is a mesh, where its vertices begin.
         self.first_vertex: list[int] = []
         meshes = [s for s in surfaces if isinstance(s, TriangleMesh)]
