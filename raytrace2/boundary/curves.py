@@ -4,7 +4,7 @@ of what is round."""
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import drjit as dr
@@ -30,14 +30,14 @@ _OF_KIND: dict[type, tuple[int, ...]] = {
 @dataclass
 class CurvePoint:
     """A point ``x`` of a curve and how it moves along it (``along``, per unit of the parameter), Array3f; ``inner``, a
-    point of the surface that the curve bounds; ``hides`` Bool: as seen from the eye the surface ends there; ``creases``
-    Bool: the surface's normal may jump there."""
+    point of the surface that the curve bounds; ``hides`` Bool: as seen from the eye the surface ends there; ``bend``
+    Float: the sine of the angle between the surface's normals on either side, 1 where it ``hides``."""
 
     x: Any
     along: Any
     inner: Any
     hides: Any
-    creases: Any
+    bend: Any
 
 
 class Curves:
@@ -48,24 +48,21 @@ class Curves:
 
     def __init__(self, geometry: Geometry, surfaces: Collection[int]) -> None:
         self.types, self._shading = geometry.types, geometry.shading
-        edges, sharp, rounds = [], [], []
+        edges, rounds = [], []
         for k in surfaces:
             surface = geometry.surfaces[k]
             if isinstance(surface, TriangleMesh):
                 found = mesh_edges(surface.faces)
                 found[found != NO_VERTEX] += np.uint32(geometry.shading.first_vertex[k])
                 edges.append(found)
-                sharp.append(np.full(len(found), surface.normals is None))
             elif isinstance(surface, Quadric):
                 rounds += [(k, code, 0, NO_VERTEX) for code in _OF_KIND[type(surface)]]
         self.edge_count = sum(map(len, edges))
         self.count = self.edge_count + len(rounds)
         self._codes = sorted({code for _, code, _, _ in rounds})
         words = np.concatenate([*edges, np.array(rounds, np.uint32).reshape(-1, 4)])
-        flags = np.concatenate([*sharp, np.zeros(len(rounds), bool)])
         UInt = self.types.UInt
         self._words = owned(words.astype(np.uint32), UInt)
-        self._sharp = owned(flags.astype(np.uint32), UInt) if flags.any() else None
         self._edges = dr.opaque(UInt, self.edge_count)
 
     @staticmethod
@@ -87,15 +84,9 @@ class Curves:
             parts.append(self._on_round(words, s, eye, active & (index >= self._edges)))
         point = parts[0]
         if len(parts) == 2:
-            other = parts[1]
-            is_edge = index < self._edges
-            x, along, inner, hides = (
-                dr.select(is_edge, getattr(point, f), getattr(other, f)) for f in ("x", "along", "inner", "hides")
-            )
-            point = CurvePoint(x, along, inner, hides, False)
-        point.creases = self.types.Bool(False)
-        if self._sharp is not None:
-            point.creases = dr.gather(self.types.UInt, self._sharp, index, active) != 0
+            is_edge, (point, other) = index < self._edges, parts
+            pairs = ((getattr(point, f.name), getattr(other, f.name)) for f in fields(CurvePoint))
+            point = CurvePoint(*(dr.select(is_edge, a, b) for a, b in pairs))
         return point
 
     def straight(self, index: Any) -> Any:
@@ -139,14 +130,19 @@ class Curves:
         faint = dr.abs(near) <= slack * dr.norm(first) * dr.norm(way)
         faint |= dr.abs(far) <= slack * dr.norm(second) * dr.norm(way)
         hides = lone | faint | ((near < 0) != (far < 0))
-        return CurvePoint(dr.fma(along, s, a), along, dr.detach(c), active & hides, False)
+        size = dr.norm(first) * dr.norm(second)
+        bend = dr.norm(dr.cross(first, second)) / dr.select(size > 0, size, 1)
+        bend = dr.select(active & (size > 0), bend, 0)
+        hides &= active
+        return CurvePoint(dr.fma(along, s, a), along, dr.detach(c), hides, dr.select(hides, 1, bend))
 
     def _on_round(self, words: Any, s: Any, eye: Eye, active: Any) -> CurvePoint:
         to_world, to_local = (Rows(r) for r in self._quadric(words, active))
         local = Eye(to_local.vector(eye.at) if eye.parallel else to_local.point(eye.at), eye.parallel)
         x, along, inner, hides = round_curve(self._codes, words.y, s, local)
         world = to_world.point(x), to_world.vector(along), dr.detach(to_world.point(inner))
-        return CurvePoint(*world, active & hides, False)
+        hides &= active
+        return CurvePoint(*world, hides, dr.select(hides, self.types.Float(1), 0))
 
     def _quadric(self, words: Any, active: Any) -> tuple[Any, Any]:
         rows, width = self._shading.quadric_rows, dr.width(words)

@@ -32,7 +32,7 @@ def view_choice(job: Job, curves: Curves) -> Choice:
     if not view.parallel:
         weight = weight / dr.norm(points[1].x - view.eye)
     if not camera.needs_aperture_sample:
-        weight = dr.select(points[1].hides | points[1].creases, weight, 0)
+        weight = weight * points[1].bend
         film = job.view.film
         margin = film.border + 1
         low = -margin / film.width, -margin / film.height
@@ -63,7 +63,7 @@ def silhouettes(job: Job, curves: Curves, choice: Choice, seed: Any, count: int,
     eye = Eye(back.eye, back.parallel)
     point = curves.at(index, s, eye)
     u, v, depth = back.weights(point.x)
-    active = (chance > 0) & (point.hides | point.creases) & (depth > 0)
+    active = (chance > 0) & (point.bend > 0) & (depth > 0)
     depth = dr.select(active, depth, 1)
     at = dr.select(active, u / depth, -1), dr.select(active, v / depth, -1)
     active &= film.pixel_at(*at)[2]
