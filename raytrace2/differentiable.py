@@ -31,7 +31,10 @@ def differentiable(image: Any, job: Job, footprints: bool = True, visibility: bo
     (True: as there are samples). ``SettingError`` for what has no derivatives."""
     slots, values = job.moving()
     if not slots:
-        return image
+        # Of what this image does not depend on, such as another camera, the derivative is zero.
+        store = job.traced.store
+        unseen = [store.entries[place].value for place in store.with_derivatives()]
+        return dr.custom(_Nothing, image, unseen) if unseen else image
     if job.settings.kind == "aov":
         raise SettingError("aovs have no derivatives: render with integrator='path' or 'direct', or detach the params")
     moves = any(slot.moves for slot in slots)
@@ -57,6 +60,8 @@ class _How:
         self, job: Job, slots: list[Slot], moves: bool, through: Differentials | None, boundary: Boundary | None
     ) -> None:
         self.job, self.slots, self.moves, self.through, self.boundary = job, slots, moves, through, boundary
+        #: The scene may change before derivatives are asked for.
+        self.moment = job.traced.now()
 
 
 class _Render(dr.CustomOp):
@@ -66,11 +71,29 @@ class _Render(dr.CustomOp):
 
     def forward(self) -> None:
         moving = _Moving.of(self._values, self._how, self.grad_in("values"))
-        self.set_grad_out(moving.image_tangent())
+        with self._how.job.traced.at(self._how.moment):
+            self.set_grad_out(moving.image_tangent())
 
     def backward(self) -> None:
         moving = _Moving.of(self._values, self._how, None)
-        self.set_grad_in("values", moving.value_adjoints(self.grad_out()))
+        with self._how.job.traced.at(self._how.moment):
+            self.set_grad_in("values", moving.value_adjoints(self.grad_out()))
+
+    def name(self) -> str:
+        return "raytrace2.render"
+
+
+class _Nothing(dr.CustomOp):
+    """An image that depends on nothing that has derivatives."""
+
+    def eval(self, image: Any, unseen: list[Any]) -> Any:
+        return type(image)(image)
+
+    def forward(self) -> None:
+        pass
+
+    def backward(self) -> None:
+        pass
 
     def name(self) -> str:
         return "raytrace2.render"

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
@@ -12,7 +14,7 @@ import numpy as np
 from ..buffers import owned
 from ..errors import SettingError
 from ..lights import LightTable
-from ..live import Place, Slot
+from ..live import Place, Slot, bound
 from ..materials.relief import reliefs
 from ..materials.table import MaterialTable
 from ..parameters.store import Store
@@ -31,6 +33,15 @@ def refuse_while_freezing() -> None:
             "a function that is being frozen can make no tables or structures and move no surfaces: update the "
             "parameters that it changes, and render once with the same arguments, before it is called"
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """Where surfaces were, what their interactions were computed from, and what the slots held."""
+
+    structure: Structure
+    shading: dict[str, Any]
+    values: list[Any]
 
 
 class TracedScene:
@@ -125,15 +136,10 @@ class TracedScene:
 
     def refresh(self, structure: Structure) -> bool:
         """Takes the present values; ``structure`` is that of where surfaces are now. False if that takes new tables."""
-        moved = structure is not self.structure
         entries = self.store.entries
         if any(entries[p].changed > self._built for p in self.loose):
             return False
-        if moved:
-            self.structure = structure
-            structure.prepare()
-            if "_tables" in self.__dict__:
-                self.lights.enclose(*structure.geometry.bounds())
+        self._move_to(structure)
         if self._fresh != self.store.clock:
             values = self.store.values(self.types)
             stale = [slot for slot in self.slots if any(entries[p].changed > self._fresh for p in slot.places)]
@@ -146,6 +152,35 @@ class TracedScene:
             if dr.flag(dr.JitFlag.FreezingScope):
                 self._written = dr.opaque(self.types.UInt, 0)
         return True
+
+    def now(self) -> Moment:
+        """What kernels read at present, for :meth:`at`."""
+        # Frozen functions write into arrays themselves, and other scenes into shading that they share with this one.
+        shading = vars(self.structure.geometry.shading).items()
+        held = {name: dr.copy(value) for name, value in shading if isinstance(value, dr.ArrayBase)}
+        return Moment(self.structure, held, [dr.copy(dr.detach(slot.value)) for slot in self.slots])
+
+    @contextmanager
+    def at(self, moment: Moment) -> Iterator[None]:
+        """While it lasts, kernels read what they did at a ``moment`` before."""
+        present = self.structure
+        self._move_to(moment.structure)
+        shading = vars(self.structure.geometry.shading)
+        before = dict(shading)
+        shading.update(moment.shading)
+        try:
+            with bound(self.slots, moment.values):
+                yield
+        finally:
+            shading.update(before)
+            self._move_to(present)
+
+    def _move_to(self, structure: Structure) -> None:
+        if structure is not self.structure:
+            self.structure = structure
+            structure.prepare()
+            if "_tables" in self.__dict__:
+                self.lights.enclose(*structure.geometry.bounds())
 
     def make_what(self, other: TracedScene) -> None:
         """Makes the tables that ``other`` has."""
