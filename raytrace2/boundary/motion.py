@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import drjit as dr
+import numpy as np
 
+from ..buffers import owned
 from ..errors import SettingError
 from ..job import Job
 from ..live import Slot
 from ..rays.wavefront import split_passes
+from .choose import Choice
 from .crossings import Crossings
 from .curves import Curves
+from .light_points import LightKind
+from .shadow_edges import Casting, shadow_edges
 from .silhouettes import silhouettes, view_choice
 
 #: Samples of a pass.
@@ -33,21 +38,56 @@ class Boundary:
         self._job = job
         self._samples = samples or job.view.film.pixel_count * job.sampler.sample_count
         places = {p for slot in slots for p in slot.places} & set(job.traced.store.with_derivatives())
-        everything = range(len(geometry.surfaces))
-        camera_moves = any(slot.holder is job.view.camera for slot in slots)
-        moving = everything if camera_moves else job.traced.surfaces_of(places)
+        surfaces = range(len(geometry.surfaces))
+        everywhere = any(slot.holder is job.view.camera for slot in slots)
+        moving = surfaces if everywhere else job.traced.surfaces_of(places)
+        lights_move = any(slot.moves and any(slot is x for x in job.traced.lights.slots) for slot in slots)
         self._seen = Curves.of(geometry, moving) if len(moving) else None
+        self._casting = list(self._castings(moving, lights_move)) if _has_shadows(job) else []
 
     def crossings(self, values: Sequence[Any]) -> Iterator[Crossings]:
         """The points, a pass at a time; ``values`` are what the slots hold."""
-        job, seed = self._job, self._job.seed + 0x5BD1E995
-        with dr.suspend_grad(values):
-            choice = None if self._seen is None else view_choice(job, self._seen)
+        job, seed = self._job, self._job.seed
+        if self._seen is not None:
+            seen = self._seen
+            with dr.suspend_grad(values):
+                choice = view_choice(job, seen)
+            yield from self._passes(values, lambda *which: silhouettes(job, seen, choice, seed + 0x5BD1E995, *which))
+        for k, (kind, curves, receives) in enumerate(self._casting):
+            with dr.suspend_grad(values):
+                casting = Casting(kind, curves, Choice(curves.lengths(), job.traced.types), receives)
+            yield from self._passes(
+                values, lambda *which, c=casting, k=k: shadow_edges(job, c, seed + 0x1B873593 + k, *which)
+            )
+
+    def _passes(self, values: Sequence[Any], sample: Callable[[int, int, int], Crossings]) -> Iterator[Crossings]:
         for wavefront in split_passes(self._samples, 1, _LANES):
-            if choice is not None:
-                assert self._seen is not None
-                with dr.suspend_grad(values):
-                    found = silhouettes(
-                        job, self._seen, choice, seed, wavefront.size, wavefront.first_pixel, self._samples
-                    )
-                yield found
+            with dr.suspend_grad(values):
+                found = sample(wavefront.size, wavefront.first_pixel, self._samples)
+            yield found
+
+    def _castings(self, moving: Sequence[int], lights_move: bool) -> Iterator[tuple[LightKind, Curves, Any]]:
+        """What casts shadows of which lights on what: where neither is among the surfaces that move, edges of shadows
+        move only with lights and the camera."""
+        scene = self._job.traced
+        geometry = scene.structure.geometry
+        count = len(geometry.surfaces)
+        groups: list[tuple[list[int], Any]] = [(list(range(count)), None)]
+        if not lights_move:
+            flags = np.zeros(count, np.uint32)
+            flags[list(moving)] = 1
+            mask = owned(flags, scene.types.UInt)
+            others = [k for k in range(count) if not flags[k]] if len(moving) else []
+            groups = [(list(moving), None), (others, mask)]
+        for kind in LightKind.all(scene):
+            for surfaces, receives in groups:
+                curves = Curves.of(geometry, surfaces) if surfaces else None
+                if curves is not None:
+                    yield kind, curves, receives
+
+
+def _has_shadows(job: Job) -> bool:
+    """Whether surfaces are lit by lights that rays are sent to."""
+    scene, settings = job.traced, job.settings
+    one_bounce = settings.kind == "direct" or settings.max_depth < 0 or settings.max_depth > 1
+    return one_bounce and bool(scene.lights.count) and scene.materials.has_smooth_any

@@ -42,7 +42,7 @@ class SphereLights:
 
     def sample(self, p: Any, index: Any, u: Any, active: Any) -> ShapeSample:
         types = self.types
-        center, radius, sign = self._sphere(index, active)
+        center, radius, sign = self.sphere(index, active)
         axis, distance, outside, span, sine = _cone(p, center, radius, sign)
 
         # 1 - cos(theta) is uniform over the cone; written so that nothing cancels however small the cone.
@@ -70,12 +70,13 @@ class SphereLights:
 
     def inverse_pdf(self, p: Any, index: Any, hit: Any, n: Any, active: Any) -> Any:
         """The inverse of the density per steradian at the point ``hit`` with normal ``n``, from ``p``."""
-        center, radius, sign = self._sphere(index, active)
+        center, radius, sign = self.sphere(index, active)
         _, _, outside, span, _ = _cone(p, center, radius, sign)
         d, dist = towards(p, hit)
         return dr.select(outside, (2 * pi) * span, solid_angle((4 * pi) * radius * radius, d, dist, n))
 
-    def _sphere(self, index: Any, active: Any) -> tuple[Any, Any, Any]:
+    def sphere(self, index: Any, active: Any) -> tuple[Any, Any, Any]:
+        """Centre, radius and sign of light ``index``."""
         record = dr.gather(self.types.Array4f, self.records, index * 2, active)
         return record.xyz, record.w, dr.gather(self.types.Array4f, self.records, index * 2 + 1, active).x
 
