@@ -10,7 +10,7 @@ from ..film import Film
 from ..rays.film_map import FilmMap
 
 #: Steps are so many times the rounding of the coordinates involved.
-CLEARANCE = 64
+CLEARANCE = 256
 
 
 def across(film: Film, tangent: tuple[Any, Any]) -> tuple[Any, Any]:

@@ -90,7 +90,8 @@ def shadow_edges(job: Job, casting: Casting, seed: Any, count: int, first: int, 
     active &= tilt != 0
     way = way - seen.d * (dr.dot(si.n, way) / dr.select(active, tilt, 1))
     reach = film_side.reach(si.p, si.p - back.base, back.base, back.du * depth, back.dv * depth)
-    reach = dr.fmax(reach, largest * grown)
+    # Rays to lights leave surfaces from beside them.
+    reach = dr.fmax(reach, largest * grown) + si.p_error * (1 / t.epsilon)
     size = film_side.clear_of_rounding(way, plane, reach, t.epsilon)
     active &= size < 1
     far = dr.dot(si.p - seen.o, seen.d) * (1 - _NEAR)
