@@ -17,6 +17,8 @@ from .errors import SettingError
 from .integrators.replay import LONGEST, Replay, direct_again, path_backward, path_forward
 from .job import Job
 from .live import Slot, bound
+from .ordered import ordered
+from .parameters.fields import converted
 from .rays.differentials import Differentials, RayDifferential, make_differentials
 from .rays.ray import Ray
 from .rays.wavefront import Wavefront
@@ -25,14 +27,16 @@ from .rays.wavefront import Wavefront
 _SAME_FOOTPRINTS = ("analytic", "autodiff", "autodiff2")
 
 
-def differentiable(image: Any, job: Job, footprints: bool = True, visibility: bool | int = False) -> Any:
+def differentiable(
+    image: Any, job: Job, footprints: bool = True, visibility: bool | int = False, deterministic: bool = False
+) -> Any:
     """``image`` as a function of all live values that carry derivatives, which are taken with the samples of ``job``:
     ``footprints``, through footprints too; ``visibility``, with moving edges, by as many points of them as it says
     (True: as there are samples). ``SettingError`` for what has no derivatives."""
     slots, values = job.moving()
+    store = job.traced.store
     if not slots:
         # Of what this image does not depend on, such as another camera, the derivative is zero.
-        store = job.traced.store
         unseen = [store.entries[place].value for place in store.with_derivatives()]
         return dr.custom(_Nothing, image, unseen) if unseen else image
     if job.settings.kind == "aov":
@@ -40,7 +44,17 @@ def differentiable(image: Any, job: Job, footprints: bool = True, visibility: bo
     moves = any(slot.moves for slot in slots)
     through = _footprints(job) if moves and footprints else None
     boundary = Boundary(job, slots, 0 if visibility is True else visibility) if moves and visibility else None
-    return dr.custom(_Render, values, image, _How(job, slots, moves, through, boundary))
+    how = _How(job, slots, moves, through, boundary)
+    if not deterministic:
+        return dr.custom(_Render, values, image, how)
+    places, present = store.with_derivatives(), {place: entry.value for place, entry in store.entries.items()}
+
+    def rendered(moving: list[Any]) -> Any:
+        now = present | dict(zip(places, moving, strict=True))
+        made = [slot.made(lambda place: converted(now[place], job.traced.types)) for slot in slots]
+        return dr.custom(_Render, made, image, how)
+
+    return ordered(rendered, [present[place] for place in places], image)
 
 
 def unlike(seed: Any) -> Any:

@@ -78,6 +78,7 @@ def render(
     seed_grad: Any = None,
     footprint_gradients: bool = True,
     visibility_gradients: bool | int = False,
+    deterministic: bool = False,
 ) -> Any:
     """Renders ``scene`` and returns its image, TensorXf (height, width, channels), linear, as ``mi.render`` does.
 
@@ -88,8 +89,9 @@ def render(
     ``rt.filter_names()``; options after a colon) takes the place of the scene's choice, or of every bitmap's own, and
     ``differentials`` (``"autodiff"``, ``"none"`` ...) say how rays know the footprints that it covers: see
     :func:`~raytrace2.filtering.plan_filtering`. ``seed`` is a whole number, or a UInt of Dr.Jit. ``precision`` is
-    ``"float32"`` or ``"float64"``; ``size`` (width, height) replaces the film's. ``intersection`` is ``"watertight"``, ``"fast"`` (see ``rt.accel.build``) or None for
-    the scene's own. ``progress`` shows a bar; None shows one on a terminal if there is more than one pass.
+    ``"float32"`` or ``"float64"``; ``size`` (width, height) replaces the film's. ``intersection`` is ``"watertight"``,
+    ``"fast"`` (see ``rt.accel.build``) or None for the scene's own. ``progress`` shows a bar; None shows one on a
+    terminal if there is more than one pass.
 
     With the scene's ``params`` (:func:`~raytrace2.traverse`; ``precision`` is then theirs unless given) of which some
     carry derivatives, the image is a differentiable function of these, in reverse and in forward mode. Derivatives take
@@ -97,8 +99,8 @@ def render(
     sequence than the image's; the image's own seed gives the derivative of that very image). They are those inside
     surfaces and shadows: that edges move is not seen, but for ``visibility_gradients``, which costs: True takes as many
     points of moving edges as there are samples, a number so many (see :mod:`raytrace2.boundary`).
-    ``footprint_gradients``: footprints of texture filters depend on
-    the camera and on surfaces; without, they count as constant.
+    ``footprint_gradients``: footprints of texture filters depend on the camera and on surfaces; without, they count as
+    constant. ``deterministic``: gradients, too, are the same to the bit from run to run; on one thread.
 
     It may be part of a function that Dr.Jit freezes (``dr.freeze``) and that has ``scene`` or ``params`` and the seed
     among its arguments, if the same render was done once before; samples that are not finite are then left out without
@@ -118,7 +120,11 @@ def render(
         return image
     spp_grad, seed_grad = checked_counts(spp_grad or spp, unlike(seed) if seed_grad is None else seed_grad)
     again = Job.of(scene, _choices(scene, sensor, integrator, seed=seed_grad, spp=spp_grad, **how))
-    return differentiable(image, again, footprint_gradients, checked_visibility(visibility_gradients))
+    if deterministic and dr.flag(dr.JitFlag.FreezingScope):
+        raise SettingError(
+            "frozen functions do not know of threads: dr.set_thread_count(1) makes all of it deterministic"
+        )
+    return differentiable(image, again, footprint_gradients, checked_visibility(visibility_gradients), deterministic)
 
 
 def render_detailed(
