@@ -189,8 +189,10 @@ def on_sphere(at: RayPoint, _: Any, to_world: Any, to_local: Any, side: Any) -> 
     met = at.polished(to_world, to_local, round_axis=False)
     Vector = type(met)
     local = unit(to_local.vector(met))
-    arm = to_world.vector(local)
-    n = unit(arm) * side
+    outwards = unit(to_world.vector(local))
+    # No matrix is all even: where it makes the sphere shorter than its ray test does, rays would start inside.
+    arm = outwards * to_world.even_scale
+    n = outwards * side
     axis_2 = dr.fma(local.x, local.x, local.y * local.y)
     off_axis = axis_2 > 0
     axis = dr.sqrt(dr.select(off_axis, axis_2, 1))

@@ -224,6 +224,20 @@ class Rows:
         return dr.fmax(dr.fmax(sizes[0], sizes[1]), sizes[2]) * (units * types_of(p).epsilon)
 
     @property
+    def even_scale(self) -> Any:
+        """By how much a linear part scales that does so evenly in all directions, but for rounding: as the ray test of
+        spheres has it."""
+        columns = [r[k] for r in self.rows for k in range(3)]
+        largest = abs(columns[0])
+        for entry in columns[1:]:
+            largest = dr.fmax(largest, abs(entry))
+        size, per_size = powers_of_two(types_of(largest).Array3f(largest))
+        square: Any = 0
+        for entry in columns:
+            square = dr.fma(entry * per_size, entry * per_size, square)
+        return dr.sqrt(dr.select(square > 0, square * (1 / 3), 1)) * size
+
+    @property
     def translation(self) -> list[Any]:
         """The translation part."""
         return [row[3] for row in self.rows]

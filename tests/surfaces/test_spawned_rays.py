@@ -125,3 +125,16 @@ def test_from_triangles_one_step_between_numbers_wide():
     found = spawned.far([Ours("bvh", "float32")], "float32", Counts(other=100_000, longest=60.0))["bvh"]
     assert found["rays"] > 70_000
     assert (found["value"], found["self_hits"]) == (0, 0)
+
+
+@pytest.mark.parametrize(("precision", "uneven"), [("float32", 3e-7), ("float64", 1e-14), ("float64", 1e-5)])
+def test_from_spheres_whose_matrices_are_rounded(precision, uneven):
+    rng = np.random.default_rng(1)
+    matrix = np.eye(4)
+    matrix[:3, :3] = 0.7 * np.linalg.qr(rng.normal(size=(3, 3)))[0] * (1 + uneven * rng.uniform(-1, 1, (3, 3)))
+    structure = accel.build(Sphere(matrix), "brute_force", precision=precision)
+    d = directions(rng, N)
+    ray = Ray(directions(rng, N) * 0.6 - 2 * d, d, precision=precision)
+    for side in (1, -1):
+        si, onward = leaving(structure, ray, rng, side, False)
+        assert np.array_equal(structure.occluded(onward).numpy(), si.valid.numpy() & (side < 0))
