@@ -1,7 +1,7 @@
 """Where a camera stands, from one picture: Adam moves it until a render at one sample a pixel looks like the picture,
 by filters with and without gradients through footprints, and from coarse to fine. How far off may it begin?
 
-    python experiments/pose_recovery.py [--quick] [--pixels 64] [--directions 4] [-o out/pose_recovery.md]
+    python experiments/pose_recovery.py [--quick] [--pixels 64] [--directions 8] [-o out/pose_recovery.md]
 
 Writes a table and, beside it, a picture (.png). What was measured is kept beside it too (.json), and not measured again
 by the same code.
@@ -69,8 +69,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n\n")[0])
     parser.add_argument("--quick", action="store_true", help="two sizes, one direction")
     parser.add_argument("--pixels", type=int, default=64, help="pixels along a side (default 64)")
-    parser.add_argument("--directions", type=int, default=4, help="beginnings of each size (default 4)")
-    parser.add_argument("--steps", type=int, default=15, help="steps at each of the four levels (default 15)")
+    parser.add_argument("--directions", type=int, default=8, help="beginnings of each size (default 8)")
+    parser.add_argument("--steps", type=int, default=20, help="steps at each of the four levels (default 20)")
     parser.add_argument("-o", "--out", type=Path, default=Path("out/pose_recovery.md"))
     options = parser.parse_args()
     sizes, directions = ((4, 12), 1) if options.quick else (SIZES, options.directions)
@@ -84,22 +84,23 @@ def main() -> int:
 
 
 def measured(search: Search, sizes: Sequence[int], directions: int, file: Path) -> dict[str, Record]:
-    """A record of each search, by way, size and direction, in turns; none where all failed from nearer by."""
+    """A record of each search, by way, size and direction; none from farther away than where one failed."""
     setting = [code_digest(), search.pixels, search.steps]
     kept = read_json(file)
     records: dict[str, Record] = kept["records"] if kept and kept["setting"] == setting else {}
-    for way in () if records else WAYS:
-        search.run(way, 0.0, 0)
-    with tqdm(total=len(sizes) * directions * len(WAYS), unit="search", disable=None) as bar:
-        for k, size in enumerate(sizes):
-            hopeless = {w for w in WAYS if k and not share(records, w, sizes[k - 1], directions)}
-            for direction in range(directions):
-                for way in WAYS:
-                    key = f"{way.title} {size} {direction}"
-                    if way not in hopeless and key not in records:
-                        records[key] = search.run(way, size, direction)
-                        save_json(file, {"setting": setting, "records": records})
-                    bar.update()
+    # Kernels are compiled and functions frozen before clocks run.
+    for way in tqdm(WAYS, unit="compilation", disable=None):
+        search.run(way, 1.0, 0, steps=4)
+    for direction in tqdm(range(directions), unit="direction", disable=None):
+        for way in WAYS:
+            for size in sizes:
+                key = f"{way.title} {size} {direction}"
+                if key not in records:
+                    records[key] = search.run(way, size, direction, search.steps)
+                    save_json(file, {"setting": setting, "records": records})
+                # Who does not find back from here does not from farther away.
+                if not good(records[key]):
+                    break
     return records
 
 
@@ -112,7 +113,8 @@ class Search:
         self.params = rt.traverse(self.scene)
         self.true = np.array(self.params["camera.to_world"], np.float64).reshape(4, 4)
         self.truth = np.array(rt.render(self.scene, spp=1024, filter="bilinear", seed=1 << 20, progress=False))
-        self.targets = {}
+        self.frozen: dict[tuple[Way, float], Any] = {}
+        self.targets: dict[float, Any] = {}
         for part, _ in LEVELS:
             n, k = round(pixels * part), round(1 / part)
             means = self.truth.reshape(n, k, n, k, 3).mean(axis=(1, 3))
@@ -127,43 +129,53 @@ class Search:
         x = self.types.Float(perturbation(degrees, direction))
         return np.array(motion(x, self.types), np.float64).reshape(4, 4) @ self.true
 
-    def run(self, way: Way, degrees: float, direction: int) -> Record:
+    def run(self, way: Way, degrees: float, direction: int, steps: int) -> Record:
         """Searches from a camera that is ``degrees`` off."""
+        types = self.types
         first = self.begin(degrees, direction)
         begin = self.pose(first)
+        opt = dr.opt.Adam(lr=1.0, params={"x": dr.opaque(types.Float, 0, 6)})
         time_begin = time.perf_counter()
-        opt = dr.opt.Adam(lr=LEVELS[0][1])
-        opt["x"] = dr.zeros(self.types.Float, 6)
-        step = 0
-        for part, rate in LEVELS:
-            for k in range(self.steps):
-                opt.set_learning_rate(rate * (0.05 ** (k / self.steps) if part == 1 else 1))
-                self.params["camera.to_world"] = motion(opt["x"], self.types) @ begin
-                self.params.update()
-                dr.backward(self.loss(way, part, step))
-                opt.step()
-                step += 1
+        for level, (part, rate) in enumerate(LEVELS):
+            target = self.targets[1 if way.levels == "none" else part]
+            for k in range(steps):
+                fall = 0.05 ** (k / steps) if part == 1 else 1
+                opt.set_learning_rate(dr.opaque(types.Float, rate * fall))
+                seed = dr.opaque(types.UInt, level * steps + k)
+                self.step(way, part)(self.params, opt, begin, target, seed)
         x = opt["x"]
         dr.eval(x)
         dr.sync_thread()
         seconds = time.perf_counter() - time_begin
-        found = np.array(motion(x, self.types), np.float64).reshape(4, 4) @ first
+        found = np.array(motion(x, types), np.float64).reshape(4, 4) @ first
         turn, shift = distance(found, self.true)
         return {"degrees": turn, "metres": shift, "seconds": seconds}
 
-    def loss(self, way: Way, part: float, seed: int) -> Any:
-        """The mean square distance from the picture at a level."""
-        n = round(self.pixels * part)
-        rendered = n if way.levels == "coarse" else self.pixels
-        image = rt.render(
-            self.scene, self.params, spp=1, seed=seed, filter=way.filter, footprint_gradients=way.footprints,
-            size=(rendered, rendered),
-        )  # fmt: skip
-        if way.levels == "averaged" and part != 1:
-            k = round(1 / part)
-            image = dr.mean(dr.mean(dr.reshape(image, (n, k, n, k, 3)), axis=3), axis=1)
-        target = self.targets[1 if way.levels == "none" else part]
-        return dr.mean(dr.square(image - target), axis=None)
+    def step(self, way: Way, part: float) -> Any:
+        """One step at a level, as a frozen function."""
+        if (way, part) not in self.frozen:
+            n = round(self.pixels * part)
+            how = {"filter": way.filter, "size": (n, n) if way.levels == "coarse" else (self.pixels, self.pixels)}
+            # What the function changes and reads is there before it is frozen.
+            self.params["camera.to_world"] = self.pose(self.true)
+            self.params.update()
+            rt.render(self.scene, self.params, spp=1, **how)
+            block = round(1 / part) if way.levels == "averaged" else 1
+
+            def step(params: Any, opt: Any, begin: Any, target: Any, seed: Any) -> None:
+                params["camera.to_world"] = motion(opt["x"], self.types) @ begin
+                params.update()
+                image = rt.render(
+                    params.scene, params, spp=1, seed=seed, footprint_gradients=way.footprints, **how
+                )  # fmt: skip
+                if block > 1:
+                    image = dr.reshape(image, (n, block, n, block, 3))
+                    image = dr.mean(dr.mean(image, axis=3), axis=1)
+                dr.backward(dr.mean(dr.square(image - target), axis=None))
+                opt.step()
+
+            self.frozen[way, part] = dr.freeze(step)
+        return self.frozen[way, part]
 
 
 def share(records: dict[str, Record], way: Way, size: int, directions: int) -> float:
