@@ -3,13 +3,13 @@ the mirror ball and through the glass ball, from three places, is grey at first;
 render less photograph bring its texels near the truth. Mitsuba's `prb`, with its own bilinear look-ups, does the same
 beside, in the same process; and what is optimised is the texels, or the levels of a Laplacian pyramid of them.
 
-    python experiments/texture_recovery.py [--size 128] [--texels 128] [--seconds 60] [--ours 20] [--only WORD ...]
+    python experiments/texture_recovery.py [--size 256] [--texels 256] [--seconds 60] [--ours 20] [--only WORD ...]
         [-o out/texture_recovery]
 
 Each way is tried with several learning rates and samples a pixel, of which the best counts: for Mitsuba the one with
 the least error after its seconds, for a filter the one that first comes as near. Learning rates fall to a tenth over a
-run. Seconds are those of steps, without the first two, which compile. Writes a table (.md) and a picture (.png); a run
-that was stopped goes on after the last setting that was done.
+run. Seconds are those of steps, without the first two, which compile. Writes a table (.md) and a
+picture (.png); a run that was stopped goes on after the last setting that was done.
 """
 
 from __future__ import annotations
@@ -76,8 +76,8 @@ class Run:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n\n")[0])
-    parser.add_argument("--size", type=int, default=128, help="pixels along a side of each photograph (default 128)")
-    parser.add_argument("--texels", type=int, default=128, help="texels along a side of a tile (default 128)")
+    parser.add_argument("--size", type=int, default=256, help="pixels along a side of each photograph (default 256)")
+    parser.add_argument("--texels", type=int, default=256, help="texels along a side of a tile (default 256)")
     parser.add_argument("--seconds", type=float, default=60.0, help="of each of Mitsuba's settings (default 60)")
     parser.add_argument("--ours", type=float, default=20.0, help="of each of ours (default 20)")
     parser.add_argument("--only", nargs="*", default=[], help="ways whose title contains any of these words")
@@ -110,10 +110,10 @@ def main() -> int:
 
 @dataclass(frozen=True)
 class Renderer:
-    """The texels' type, what lets a scene have them, and the image of camera ``k`` with so many samples and a seed."""
+    """Parameters with the texels, their type, and the image of camera ``k`` with so many samples and a seed."""
 
+    params: Any
     tensor: Any
-    give: Callable[[Any], None]
     image: Callable[[int, int, int], Any]
 
 
@@ -121,14 +121,9 @@ def our_renderer(room: Room, way: tuple[str, str]) -> Renderer:
     params = rt.traverse(room.ours)
     params.keep([TEXELS])
     how: dict[str, Any] = {"filter": way[0], "differentials": way[1]}
-
-    def give(texels: Any) -> None:
-        params[TEXELS] = texels
-        params.update()
-
     return Renderer(
+        params,
         params.types.TensorXf,
-        give,
         lambda k, spp, seed: rt.render(room.ours, params, sensor=k, spp=spp, seed=seed, **how),
     )
 
@@ -140,17 +135,10 @@ def mitsuba_renderer(room: Room) -> Renderer:
     params.keep([TEXELS])
     integrator = mi.load_dict({"type": "prb", "max_depth": MAX_DEPTH})
 
-    def give(texels: Any) -> None:
-        params[TEXELS] = texels
-        params.update()
+    def image(k: int, spp: int, seed: int) -> Any:
+        return mi.render(room.mitsuba, params, sensor=k, spp=spp, seed=seed, integrator=integrator)
 
-    return Renderer(
-        mi.TensorXf,
-        give,
-        lambda k, spp, seed: mi.render(
-            room.mitsuba, params, sensor=k, spp=spp, seed=seed, integrator=integrator
-        ),
-    )  # fmt: skip
+    return Renderer(params, mi.TensorXf, image)
 
 
 def recover(title: str, renderer: Renderer, room: Room, samples: int, rate: float, seconds: float) -> Run:
@@ -160,25 +148,31 @@ def recover(title: str, renderer: Renderer, room: Room, samples: int, rate: floa
     grey = tensor(np.full_like(room.texels, _GREY))
     pyramid = rt.LaplacianPyramid(grey) if title.endswith(LEVELS) else None
     opt = dr.opt.Adam(lr=rate, params={"texels": grey} if pyramid is None else pyramid.levels)
-    texels = grey
-    curve: list[tuple[float, float]] = []
-    total, steps, compiling = 0.0, 0, 0.0
-    next_look = 0.0
-    while total < seconds:
-        dr.sync_thread()
-        begin = time.perf_counter()
-        opt.set_learning_rate(rate * 0.1 ** (total / seconds))
-        renderer.give(opt["texels"] if pyramid is None else dr.clip(pyramid.texture(opt), 0, 1))
+
+    def texels(opt: Any) -> Any:
+        return opt["texels"] if pyramid is None else dr.clip(pyramid.texture(opt), 0, 1)
+
+    def step(number: int) -> Any:
+        renderer.params[TEXELS] = texels(opt)
+        renderer.params.update()
         loss = 0
         for k, photograph in enumerate(photographs):
-            image = renderer.image(k, samples, steps * len(PLACES) + k)
+            image = renderer.image(k, samples, number * len(PLACES) + k)
             loss = loss + dr.mean(dr.square(image - photograph), axis=None)
         dr.backward(loss)
         opt.step()
         if pyramid is None:
             opt["texels"] = dr.clip(opt["texels"], 0, 1)
-        texels = opt["texels"] if pyramid is None else pyramid.texture(opt)
-        dr.eval(texels)
+        return dr.detach(texels(opt))
+
+    curve: list[tuple[float, float]] = []
+    total, steps, compiling, next_look = 0.0, 0, 0.0, 0.0
+    while total < seconds:
+        opt.set_learning_rate(rate * 0.1 ** (total / seconds))
+        dr.sync_thread()
+        begin = time.perf_counter()
+        found = step(steps)
+        dr.eval(found)
         dr.sync_thread()
         elapsed = time.perf_counter() - begin
         steps += 1
@@ -187,10 +181,9 @@ def recover(title: str, renderer: Renderer, room: Room, samples: int, rate: floa
         else:
             total += elapsed
         if total >= next_look or total >= seconds:
-            error = float(np.sqrt(np.mean((texels.numpy() - room.texels) ** 2)))
-            curve.append((total, error))
+            curve.append((total, float(np.sqrt(np.mean((found.numpy() - room.texels) ** 2)))))
             next_look = total * 1.03
-    return Run(title, samples, rate, curve, steps, compiling, texels.numpy())
+    return Run(title, samples, rate, curve, steps, compiling, found.numpy())
 
 
 def best(title: str, runs: list[Run], target: float | None) -> Run:
