@@ -15,7 +15,7 @@ from ..surfaces.geometry import Geometry
 from ..surfaces.mesh import TriangleMesh
 from ..surfaces.quadrics import Cylinder, Disk, Quadric, Rectangle, Sphere
 from ..surfaces.shading import Rows
-from .mesh_edges import NO_VERTEX, mesh_edges
+from .mesh_edges import NO_VERTEX, mesh_edges, welded
 from .round_curves import CODES, Eye, round_curve
 
 #: Curves of each kind of surface other than meshes, by their codes in :mod:`.round_curves`.
@@ -48,22 +48,24 @@ class Curves:
 
     def __init__(self, geometry: Geometry, surfaces: Collection[int]) -> None:
         self.types, self._shading = geometry.types, geometry.shading
-        edges, rounds = [], []
+        faces, places, rounds = [], [np.zeros((0, 3))], []
         for k in surfaces:
             surface = geometry.surfaces[k]
             if isinstance(surface, TriangleMesh):
-                found = mesh_edges(surface.faces)
-                found[found != NO_VERTEX] += np.uint32(geometry.shading.first_vertex[k])
-                edges.append(found)
+                faces.append((surface.faces, sum(map(len, places)), geometry.shading.first_vertex[k]))
+                places.append(surface.vertices)
             elif isinstance(surface, Quadric):
                 rounds += [(k, code, 0, NO_VERTEX) for code in _OF_KIND[type(surface)]]
-        self.edge_count = sum(map(len, edges))
+        edges, copies = _edges(faces, np.concatenate(places))
+        self.edge_count = len(edges)
         self.count = self.edge_count + len(rounds)
         self._codes = sorted({code for _, code, _, _ in rounds})
-        words = np.concatenate([*edges, np.array(rounds, np.uint32).reshape(-1, 4)])
+        words = np.concatenate([edges, np.array(rounds, np.uint32).reshape(-1, 4)])
         UInt = self.types.UInt
         self._words = owned(words.astype(np.uint32), UInt)
         self._edges = dr.opaque(UInt, self.edge_count)
+        shares = np.r_[1 / copies, np.ones(len(rounds))]
+        self._shares = owned(shares, self.types.Float) if (copies > 1).any() else None
 
     @staticmethod
     def of(geometry: Geometry, surfaces: Collection[int]) -> Curves | None:
@@ -88,6 +90,12 @@ class Curves:
             pairs = ((getattr(point, f.name), getattr(other, f.name)) for f in fields(CurvePoint))
             point = CurvePoint(*(dr.select(is_edge, a, b) for a, b in pairs))
         return point
+
+    def share(self, index: Any, active: Any = True) -> Any:
+        """Which part of a jump is for curve ``index`` to account for: edges that lie on one another share it."""
+        if self._shares is None:
+            return self.types.Float(1)
+        return dr.gather(self.types.Float, self._shares, index, active)
 
     def straight(self, index: Any) -> Any:
         """Bool: whether curve ``index`` is an edge of a mesh."""
@@ -150,3 +158,18 @@ class Curves:
             dr.gather(self.types.ArrayXf, rows, words.x * 2 + k, active, shape=(16, width)) for k in range(2)
         )
         return first, second
+
+
+def _edges(faces: list[tuple[np.ndarray, int, int]], places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The edges of several meshes, each given by faces, its first vertex among ``places``, and that in the buffers."""
+    if not faces:
+        return np.zeros((0, 4), np.uint32), np.zeros(0, np.int64)
+    corners = np.concatenate([f.astype(np.int64) + start for f, start, _ in faces])
+    edges, copies = mesh_edges(corners, welded(places))
+    numbers = np.zeros(len(places), np.uint32)
+    for which, start, first in faces:
+        count = int(which.max()) + 1
+        numbers[start : start + count] = np.arange(first, first + count)
+    known = edges != NO_VERTEX
+    edges[known] = numbers[edges[known]]
+    return edges, copies

@@ -109,7 +109,8 @@ def shadow_edges(job: Job, casting: Casting, seed: Any, count: int, first: int, 
     dr.eval(light)
     own = dr.arange(t.UInt, count) * 2
     jump = dr.gather(t.Array3f, light, own) - dr.gather(t.Array3f, light, own + 1)
-    scale = dr.opaque(t.Float, job.sampler.sample_count / total) / dr.select(active, chance, 1)
+    per_sample = dr.opaque(t.Float, job.sampler.sample_count / total)
+    scale = per_sample * curves.share(index) / dr.select(active, chance, 1)
 
     def position() -> tuple[Any, Any]:
         moving = kind.eye(u)

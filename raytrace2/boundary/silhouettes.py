@@ -94,7 +94,7 @@ def silhouettes(job: Job, curves: Curves, choice: Choice, seed: Any, count: int,
     own = dr.arange(t.UInt, count) * 2
     jump = dr.gather(t.Array3f, radiance, own) - dr.gather(t.Array3f, radiance, own + 1)
     per_sample = dr.opaque(t.Float, job.sampler.sample_count / total)
-    scale = per_sample / dr.select(active, chance, 1)
+    scale = per_sample * curves.share(index) / dr.select(active, chance, 1)
 
     def position() -> tuple[Any, Any]:
         moving = FilmMap.of(camera, aperture)
