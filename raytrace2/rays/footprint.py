@@ -8,6 +8,9 @@ from typing import Any
 
 import drjit as dr
 
+#: The flag of footprints of which no more than the size is known, and that roughly.
+WIDENED = 16
+
 
 @dataclass
 class Footprint:
@@ -46,6 +49,10 @@ class Footprint:
     def copy(self) -> Footprint:
         """The same with nothing looked up: for the body of a symbolic loop, whose values are of no use outside."""
         return replace(self)
+
+    def is_guess(self) -> Any:
+        """Whether no more than the size is known, and that roughly (Bool); None where nothing tells."""
+        return None if isinstance(self.flags, int) else (self.flags & WIDENED) != 0
 
     def mapped(self, linear: Any) -> Footprint:
         """The same under a linear map of uv: ``linear(v)`` is the image of a vector ``v``."""

@@ -25,10 +25,11 @@ class Span:
     dxx: Any
     dxy: Any
     dyy: Any
+    flags: Any
 
     def footprint(self) -> Footprint:
         """The footprint, with nothing looked up."""
-        return Footprint(self.dx, self.dy, self.dxx, self.dxy, self.dyy)
+        return Footprint(self.dx, self.dy, self.dxx, self.dxy, self.dyy, flags=self.flags)
 
 
 @dataclass
@@ -46,6 +47,7 @@ class Recorder:
     """Stands for the tracing, the sampler and the differentials of a bounce, and remembers what they said."""
 
     keeps_gradients = False
+    follows_black = True
 
     def __init__(self, tracing: Tracing, sampler: Any, differentials: Differentials) -> None:
         self._tracing, self._sampler, self._differentials = tracing, sampler, differentials
@@ -71,7 +73,7 @@ class Recorder:
         meeting = self._differentials.meet(structure, ray, state, hit)
         seen = meeting.si.footprint
         if seen is not None:
-            span = Span(seen.dx, seen.dy, seen.dxx, seen.dxy, seen.dyy)
+            span = Span(seen.dx, seen.dy, seen.dxx, seen.dxy, seen.dyy, seen.flags)
             self.memory.spans.append(dr.detach(span))
         return meeting
 
@@ -83,6 +85,7 @@ class Nothing:
     """A tracing and a sampler that say nothing: to find out what a bounce asks, without asking."""
 
     keeps_gradients = False
+    follows_black = True
 
     def __init__(self, types: Types) -> None:
         self._types = types
@@ -106,6 +109,7 @@ class Player:
     the scene has them; footprints are as remembered, with the derivatives of ``differentials`` if given."""
 
     keeps_gradients = True
+    follows_black = True
 
     def __init__(self, memory: Memory, differentials: Differentials | None = None) -> None:
         self._differentials = differentials
@@ -136,7 +140,7 @@ class Player:
         assert span is not None
         moving = meeting.si.footprint
         moving.dx, moving.dy = dr.replace_grad(span.dx, moving.dx), dr.replace_grad(span.dy, moving.dy)
-        moving.dxx, moving.dxy, moving.dyy = span.dxx, span.dxy, span.dyy
+        moving.dxx, moving.dxy, moving.dyy, moving.flags = span.dxx, span.dxy, span.dyy, span.flags
         return meeting
 
     def leave(self, meeting: Meeting, sample: Any, ray: Ray, state: Any) -> Any:

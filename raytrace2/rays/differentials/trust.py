@@ -1,6 +1,6 @@
 """Where first derivatives do not tell how far a pixel reaches, and what is put in their place.
 
-Four flags, each with a rule on quantities of first order, and what is done so that filters need not know:
+Flags, each with a rule on quantities of first order, and what is done so that filters need not know:
 
 ``SILHOUETTE``
     The cosine between the ray and the shading normal would change over a pixel by more than itself: the edge of a ball
@@ -13,6 +13,9 @@ Four flags, each with a rule on quantities of first order, and what is done so t
     The cross-section of the beam is less than a sixteenth of the terms that cancel in it (det(o + t d) is a polynomial
     in t, and caustics are where it vanishes): neighbouring rays cross here. Both vectors of the footprint are kept at
     no less than a sixteenth of *their* terms, the root of o^2 + (t d)^2. The ray goes on as it was.
+``WIDENED``
+    The ray, or one before it, was chosen at random with a density: its footprint is a guess at the part of the lobe
+    that it stands for (:mod:`.widening`), of which filters heed the size alone. The flag stays with the ray.
 ``SEAM``
     A pole, or the line where an angle starts again, lies within the footprint. No angle changes by more than a turn.
 
@@ -27,7 +30,7 @@ from typing import Any
 import drjit as dr
 
 from ...surfaces import record
-from ..footprint import Footprint
+from ..footprint import WIDENED, Footprint
 from ..ray import Ray
 from .bending import kind_code
 from .lobes import Lobe
@@ -78,6 +81,7 @@ def trusted_ray(
         flags = flags | flag(total & lobe.transmitted, TOTAL_REFLECTION)
         d_dx = dr.select(lobe.transmitted, d_dx * shrink_x, d_dx)
         d_dy = dr.select(lobe.transmitted, d_dy * shrink_y, d_dy)
+    flags = flags | flag(~sample.delta, WIDENED)
     wide_x, wide_y = widened(ray.d, sample.pdf, spacing)
     return RayDifferential(
         _finite(moved.o_dx * x),

@@ -101,7 +101,9 @@ def ellipse_of(
     # boxes of variance (q^2 - 1) / 12, q being their size: the Gaussian that weighs them is narrower by that.
     major2 = dr.fma(pixel * axes.major, axes.major, 1 / 6)
     minor2 = dr.fma(pixel * axes.minor, axes.minor, 1 / 6)
-    minor2 = dr.fmax(minor2, major2 * (1 / anisotropy(bitmaps, settings) ** 2))
+    least_ratio = 1 / anisotropy(bitmaps, settings) ** 2
+    guess = footprint.is_guess()
+    minor2 = dr.fmax(minor2, major2 * (least_ratio if guess is None else dr.select(guess, 1, least_ratio)))
     u = types_of(major2).UInt
     number = 0.5 * dr.log2(dr.fmax((minor2 + 1 / 12) * (1 / (_LEAST**2 + 1 / 12)), 1))
     level = bitmaps.level(image, u(dr.fmin(number, float(bitmaps.pyramid.levels - 1))), active)

@@ -32,6 +32,8 @@ _BEYOND = 1024.0
 _LARGEST = 1e15
 # Numbers that a block or a cell holds.
 _NUMBERS = 4
+# Blocks that a footprint meets of which no more than the size is known.
+_OF_A_GUESS = 4
 # Blocks that a look-up may read for each that its level was chosen for.
 _TURNS = 16
 
@@ -133,7 +135,10 @@ class LookUp:
             wide = dr.select(clamped, dr.fmin(wide, size + 2), wide)
             area = dr.select(clamped, dr.fmin(area, wide.x * wide.y), area)
         budget = max(settings.budget // _NUMBERS - 1, 1)
-        level = _level(wide.x + wide.y, area, budget)
+        guess = footprint.is_guess()
+        # What is not known to half its size is not worth many texels.
+        spent = budget if guess is None else dr.select(guess, t.Float(min(budget, _OF_A_GUESS)), budget)
+        level = _level(wide.x + wide.y, area, spent)
         # No region of a level comes near it, but a kernel must end.
         self.most = min(_TURNS * (budget + 4), 2**31)
         if bitmaps.wraps(CLAMP):
@@ -188,7 +193,7 @@ class LookUp:
         return result
 
 
-def _level(wide: Any, area: Any, budget: int) -> Any:
+def _level(wide: Any, area: Any, budget: Any) -> Any:
     """The finest level (Float from 0, infinite or NaN for what has none) on which a convex region meets ``budget``
     blocks on average: on a grid of unit cells one meets its area, plus the width and height of its bounding box, plus
     1 (the Minkowski sum with a cell, Santalo 1976, chapter 8)."""

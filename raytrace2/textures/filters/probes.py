@@ -83,6 +83,9 @@ def probe_line(bitmaps: Any, image: Any, footprint: Any, settings: FilterSetting
     axes = principal_axes(footprint)
     major, minor = width(settings.pixel, axes.major), width(settings.pixel, axes.minor)
     boxes = dr.clip(dr.ceil(major / dr.fmax(minor, 1)), 1, math.ceil(anisotropy(bitmaps, settings)))
+    guess = footprint.is_guess()
+    if guess is not None:
+        boxes = dr.select(guess, 1, boxes)
     texels = major / boxes
     several = boxes > 1
     # The places have the variance that the pixel filter has along the axis, which n places a box apart fall short of.
