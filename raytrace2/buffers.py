@@ -8,6 +8,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from .errors import SettingError
 from .types import Types
 
 
@@ -15,8 +16,11 @@ def owned(array: np.ndarray, dtype: Any) -> Any:
     """A Dr.Jit 1D array of type ``dtype`` that holds a copy of ``array``, flattened.
 
     Dr.Jit wraps NumPy memory without a copy where it can, and memory that is not aligned to its liking falls back from
-    packet gathers to single ones, several times slower. The copy is always aligned.
+    packet gathers to single ones, several times slower. The copy is always aligned. :class:`~raytrace2.SettingError` in
+    a function that Dr.Jit is freezing, where NumPy's memory cannot be given back: Dr.Jit would end the process.
     """
+    if dr.flag(dr.JitFlag.FreezingScope):
+        raise SettingError("NumPy arrays cannot be used in a function that is being frozen: make them arguments of it")
     source = dtype(np.ascontiguousarray(array).ravel())
     if len(source) == 0:
         return dr.zeros(dtype, 1)

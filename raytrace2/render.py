@@ -120,10 +120,8 @@ def render(
         return image
     spp_grad, seed_grad = checked_counts(spp_grad or spp, unlike(seed) if seed_grad is None else seed_grad)
     again = Job.of(scene, _choices(scene, sensor, integrator, seed=seed_grad, spp=spp_grad, **how))
-    if deterministic and dr.flag(dr.JitFlag.FreezingScope):
-        raise SettingError(
-            "frozen functions do not know of threads: dr.set_thread_count(1) makes all of it deterministic"
-        )
+    if dr.flag(dr.JitFlag.FreezingScope):
+        _check_frozen(visibility_gradients, deterministic)
     return differentiable(image, again, footprint_gradients, checked_visibility(visibility_gradients), deterministic)
 
 
@@ -167,6 +165,15 @@ def _choices(
         sensor, choose_camera(scene, sensor, size), choose_integrator(scene, integrator), seed, spp, accel, filter,
         differentials, precision, intersection, max_lanes,
     )  # fmt: skip
+
+
+def _check_frozen(visibility: bool | int, deterministic: bool) -> None:
+    if visibility:
+        raise SettingError("edges are found outside of kernels: no visibility_gradients in a function that is frozen")
+    if deterministic:
+        raise SettingError(
+            "frozen functions know of no threads: dr.set_thread_count(1) makes them deterministic"
+        )
 
 
 def _precision(scene: Scene, params: SceneParameters | None, precision: str | None) -> str:

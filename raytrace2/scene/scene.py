@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -86,6 +87,7 @@ class Scene:
         # Another array whenever a frozen function has assigned values.
         self._written = dr.opaque(types("float32").UInt, 0)
         self._seen = self._written.index
+        self._frozen_calls: dict[int, int] = {}
         self._check_geometry()
 
     def traced(
@@ -160,7 +162,17 @@ class Scene:
         values = [entry.value for entry in self.store.entries.values()]
         roots = [self._written, values, *(held for traced in known for held in traced.held())]
         arrays, plain = reachable(roots, (Store, Scene, TracedScene, Live))
-        return arrays, hash((plain, *map(id, known)))
+        state = hash((plain, *map(id, known)))
+        if not dr.flag(dr.JitFlag.FreezingScope):
+            self._collect_garbage(state)
+        return arrays, state
+
+    def _collect_garbage(self, state: int) -> None:
+        """Before a function may be recorded, which is so in the first calls (literals become arrays in these): Dr.Jit
+        1.5 ends the process if Python gives NumPy's memory back while it records."""
+        calls = self._frozen_calls[state] = self._frozen_calls.get(state, 0) + 1
+        if calls <= 9:  # a call looks three times
+            gc.collect()
 
     def intersect(self, ray: Any, active: Any = True) -> Hit:
         """The closest hit of each active ray, in the precision of the rays."""

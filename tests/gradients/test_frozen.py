@@ -169,3 +169,39 @@ def test_other_functions_of_dr_jit_leave_scenes_alone() -> None:
     dr.enable_grad(scene, params)
     assert not dr.grad_enabled(scene.traced().live_values())
     assert not dr.grad_enabled(params[TEXELS])
+
+
+@pytest.mark.parametrize("setting", ["visibility_gradients", "deterministic"])
+def test_what_frozen_functions_cannot_do(setting: str) -> None:
+    scene = scenes.load()
+    params = rt.traverse(scene)
+    key = "box.vertex_positions"
+    dr.enable_grad(params[key])
+    params.update()
+    rt.render(scene, params)
+
+    @dr.freeze
+    def view(params: Any) -> Any:
+        return rt.render(params.scene, params, **{setting: True})
+
+    with pytest.raises(RuntimeError) as caught:
+        view(params)
+    assert isinstance(caught.value.__cause__, rt.SettingError)
+
+
+def test_frozen_functions_refuse_arrays_of_numpy() -> None:
+    scene = scenes.load()
+    params = rt.traverse(scene)
+    params[TEXELS] = params[TEXELS] * 0.5
+    params.update()
+    rt.render(scene, params)
+
+    @dr.freeze
+    def view(params: Any) -> Any:
+        params[TEXELS] = scenes.PIXELS
+        params.update()
+        return rt.render(params.scene, params)
+
+    with pytest.raises(RuntimeError) as caught:
+        view(params)
+    assert "NumPy" in str(caught.value.__cause__)
