@@ -9,8 +9,10 @@ import drjit as dr
 from ..film import Film
 from ..rays.film_map import FilmMap
 
-#: Steps are so many times the rounding of the coordinates involved.
-CLEARANCE = 256
+#: Steps are so many times the rounding of the coordinates involved: across silhouettes, where what is round shows that
+#: they are steps by the root of their size; and across shadows, to which rays go by a surface.
+CLEARANCE = 32
+SHADOW_CLEARANCE = 256
 
 
 def across(film: Film, tangent: tuple[Any, Any]) -> tuple[Any, Any]:
@@ -43,10 +45,10 @@ def reach(*points: Any) -> Any:
     return found
 
 
-def clear_of_rounding(moved: Any, plane: Any, reach: Any, epsilon: float) -> Any:
+def clear_of_rounding(moved: Any, plane: Any, reach: Any, rounding: float) -> Any:
     """How many steps, each of which moves a ray by ``moved`` where it passes a curve, take it so far from the plane of
-    normal ``plane`` (of any length) through eye and curve that rounding of coordinates up to ``reach`` is nothing to
-    it."""
+    normal ``plane`` (of any length) through eye and curve that a ``rounding`` of coordinates up to ``reach`` is nothing
+    to it."""
     size = dr.norm(plane)
     per_step = dr.abs(dr.dot(moved, plane)) / dr.select(size > 0, size, 1)
-    return reach * (CLEARANCE * epsilon) / per_step
+    return reach * rounding / per_step

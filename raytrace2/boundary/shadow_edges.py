@@ -59,7 +59,7 @@ def shadow_edges(job: Job, casting: Casting, seed: Any, count: int, first: int, 
     plane = plane / dr.select(size > 0, size, 1)
     outwards = plane * dr.mulsign(t.Float(1), dr.dot(plane, point.x - point.inner))
     largest = film_side.reach(point.x, eye.at if not eye.parallel else point.x)
-    beside = point.x + outwards * (largest * (film_side.CLEARANCE * t.epsilon))
+    beside = point.x + outwards * (largest * (film_side.SHADOW_CLEARANCE * t.epsilon))
     ray = ray_past(eye, beside, largest, t.epsilon)
     if not eye.parallel:
         active &= ~structure.occluded(Ray.of(ray.o, ray.d, _NEAR, 1 - _NEAR), active)
@@ -92,7 +92,7 @@ def shadow_edges(job: Job, casting: Casting, seed: Any, count: int, first: int, 
     reach = film_side.reach(si.p, si.p - back.base, back.base, back.du * depth, back.dv * depth)
     # Rays to lights leave surfaces from beside them.
     reach = dr.fmax(reach, largest * grown) + si.p_error * (1 / t.epsilon)
-    size = film_side.clear_of_rounding(way, plane, reach, t.epsilon)
+    size = film_side.clear_of_rounding(way, plane, reach, film_side.SHADOW_CLEARANCE * t.epsilon)
     active &= size < 1
     far = dr.dot(si.p - seen.o, seen.d) * (1 - _NEAR)
     active &= ~structure.occluded(Ray.of(seen.o, seen.d, 0, far), active)

@@ -72,7 +72,7 @@ def silhouettes(job: Job, curves: Curves, choice: Choice, seed: Any, count: int,
     plane = dr.cross(eye.way_from(point.x), point.along)
     way = film_side.lateral(back, step, depth)
     reach = film_side.reach(point.x, point.x - back.base, back.base, back.du * depth, back.dv * depth)
-    size = film_side.clear_of_rounding(way, plane, reach, t.epsilon)
+    size = film_side.clear_of_rounding(way, plane, reach, film_side.CLEARANCE * t.epsilon)
     active &= dr.isfinite(size)
     ray = camera.sample_ray(t.Array2f(*at), aperture)
     far = dr.dot(point.x - ray.o, ray.d) * (1 - _NEAR)
