@@ -2,7 +2,7 @@
 cameras under three lamps, one at a time. Adam changes slopes, which are zero at first, until renders at one sample a
 pixel look like the photographs. Mitsuba's `prb`, with its own bilinear look-ups, does the same beside.
 
-    python experiments/normal_map_recovery.py [--quick] [--size 96] [--texels 96] [--seconds 15]
+    python experiments/normal_map_recovery.py [--quick] [--size 96] [--texels 96] [--seconds 12]
         [-o out/normal_map_recovery.md]
 
 A step is one lamp, seen by all cameras, also as a frozen function (`dr.freeze`; Mitsuba 3.9.1 crashes in one). Each way
@@ -36,8 +36,8 @@ MITSUBA = "Mitsuba prb"
 FROZEN = ", frozen"
 WAYS = (MITSUBA, "bilinear", "trilinear", "ewa", "exact", "bilinear" + FROZEN, "trilinear" + FROZEN)
 #: (samples a pixel, learning rate of slopes)
-MITSUBA_SETTINGS = ((1, 0.01), (1, 0.03), (4, 0.03))
-OUR_SETTINGS = ((1, 0.01), (1, 0.03))
+MITSUBA_SETTINGS = ((1, 0.03), (1, 0.1), (4, 0.1))
+OUR_SETTINGS = ((1, 0.03), (1, 0.1))
 TYPES = types("float32")
 
 Record = dict[str, Any]
@@ -48,7 +48,7 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="one material and little time")
     parser.add_argument("--size", type=int, default=96, help="pixels along a side of photographs (default 96)")
     parser.add_argument("--texels", type=int, default=96, help="texels along a side of the map (default 96)")
-    parser.add_argument("--seconds", type=float, default=15.0, help="of each setting (default 15)")
+    parser.add_argument("--seconds", type=float, default=12.0, help="of each setting (default 12)")
     parser.add_argument("-o", "--out", type=Path, default=Path("out/normal_map_recovery.md"))
     options = parser.parse_args()
     seconds = 3.0 if options.quick else options.seconds
@@ -80,7 +80,7 @@ def recover(plate: Plate, way: str, samples: int, rate: float, seconds: float) -
     slopes = dr.zeros(TYPES.Float, 2 * size * size)
     dr.make_opaque(slopes)
     steps = [_step(plate, way, samples, light) for light in range(len(LIGHTS))]
-    # Recording takes a few calls; what they change is forgotten.
+    # Compiling and recording take a few calls; what they change is forgotten.
     for warm in (True, False):
         opt = dr.opt.Adam(lr=1.0, params={"slopes": slopes})
         curve = [(0.0, off(opt["slopes"], plate))]
