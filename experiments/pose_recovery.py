@@ -58,8 +58,8 @@ class Way:
 WAYS = (
     *(Way("none", *how) for how in (("bilinear", False), ("ewa", False), ("ewa", True))),
     *(Way("averaged", *how) for how in (("bilinear", False), ("ewa", False), ("ewa", True))),
-    *(Way("coarse", *how) for how in (("bilinear", False), ("trilinear", True), ("ewa", False), ("ewa", True))),
-    *(Way("coarse", "exact", footprints) for footprints in (False, True)),
+    Way("coarse", "bilinear", False),
+    *(Way("coarse", filter, footprints) for filter in ("trilinear", "ewa", "exact") for footprints in (False, True)),
 )
 
 Record = dict[str, float]
