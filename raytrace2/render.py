@@ -171,9 +171,7 @@ def _check_frozen(visibility: bool | int, deterministic: bool) -> None:
     if visibility:
         raise SettingError("edges are found outside of kernels: no visibility_gradients in a function that is frozen")
     if deterministic:
-        raise SettingError(
-            "frozen functions know of no threads: dr.set_thread_count(1) makes them deterministic"
-        )
+        raise SettingError("frozen functions know of no threads: dr.set_thread_count(1) makes them deterministic")
 
 
 def _precision(scene: Scene, params: SceneParameters | None, precision: str | None) -> str:
