@@ -11,7 +11,7 @@ from ..rays.ray import Ray
 from ..scene.description import Integrator
 from ..scene.traced import TracedScene
 from .emission import met_emission, power_heuristic
-from .tracing import StructureTracing, Tracing
+from .tracing import StructureTracing, Tracing, scatters
 
 
 def direct(
@@ -59,7 +59,7 @@ def direct(
         light = lights.sample(si.p, sampler.next_2d(), lit)
         lit &= light.pdf > 0
         value, bsdf_pdf = materials.eval_pdf(si, material, si.to_local(light.d), active)
-        lit &= dr.max(value) > 0
+        lit &= scatters(value, bsdf_pdf, tracing)
         lit &= ~tracing.blocked(si.spawn_ray_to(light.p), lit)
         weight = power_heuristic(light.pdf * light_share, bsdf_pdf * bsdf_share)
         weight = dr.select(light.delta, 1, weight) / settings.emitter_samples
@@ -77,7 +77,7 @@ def direct(
             left = differentials.leave(here, sample, onward, differential)
             if not tracing.keeps_gradients:
                 onward, sample = dr.detach(onward), dr.detach(sample)
-        useful = active & (dr.max(sample.weight) > 0)
+        useful = active & scatters(sample.weight, sample.pdf, tracing)
         beyond = differentials.meet(structure, onward, left, tracing.closest(onward, useful, None))
         if scene.draws_texels:
             beyond = beyond.drawing(sampler.next_2d())

@@ -12,7 +12,10 @@ from ..rays.ray import Ray
 from ..scene.description import Integrator
 from ..scene.traced import TracedScene
 from .emission import met_emission, power_heuristic
-from .tracing import StructureTracing, Tracing
+from .tracing import StructureTracing, Tracing, scatters
+
+#: From this depth on, paths that carry nothing but derivatives end by chance.
+_BLACK_DEPTH = 32
 
 
 @dataclass
@@ -133,7 +136,7 @@ def bounce(
         lit &= light.pdf > 0
         shadow_ray = si.spawn_ray_to(light.p)
         value, bsdf_pdf = materials.eval_pdf(si, material, si.to_local(light.d), goes_on)
-        lit &= dr.max(value) > 0
+        lit &= scatters(value, bsdf_pdf, tracing)
         weight = dr.select(light.delta, 1, power_heuristic(light.pdf, bsdf_pdf))
         direct = s.throughput * value * light.weight * weight
 
@@ -161,8 +164,12 @@ def bounce(
         lit &= ~tracing.blocked(shadow_ray, lit)
         s.radiance = dr.select(lit, s.radiance + direct, s.radiance)
 
-    survival = dr.fmin(gain, t.Float(0.95))
     at_risk = s.depth >= limits.rr_depth
+    if tracing.follows_black:
+        black = (gain <= 0) & (sample.pdf > 0)
+        at_risk |= black & (s.depth >= _BLACK_DEPTH)
+        gain = dr.select(black, 0.5, gain)
+    survival = dr.fmin(gain, t.Float(0.95))
     survives = sampler.next_1d() < survival
     s.throughput = dr.select(at_risk, s.throughput * dr.rcp(dr.select(survival > 0, survival, 1)), s.throughput)
     s.active = goes_on & (~at_risk | survives) & (gain > 0)
