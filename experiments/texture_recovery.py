@@ -8,7 +8,7 @@ beside, in the same process; and what is optimised is the texels, or the levels 
 
 Each way is tried with several learning rates and samples a pixel, of which the best counts: for Mitsuba the one with
 the least error after its seconds, for a filter the one that first comes as near. Learning rates fall to a tenth over a
-run. Seconds are those of steps, without the first two, which compile. Writes a table (.md) and a
+run. Seconds are those of steps, without the first four, which compile and are recorded. Writes a table (.md) and a
 picture (.png); a run that was stopped goes on after the last setting that was done.
 """
 
@@ -31,25 +31,29 @@ from tqdm import tqdm
 import raytrace2 as rt  # isort: skip  # before drjit
 import drjit as dr  # isort: skip
 import drjit.opt  # isort: skip
+from raytrace2.buffers import owned  # isort: skip
 
-LEVELS = ", levels"
-#: Title, filter and differentials; None for Mitsuba. With ``LEVELS``, what is optimised is a Laplacian pyramid.
+LEVELS, FROZEN = ", levels", ", frozen"
+#: Title, filter and differentials; None for Mitsuba. With ``LEVELS``, what is optimised is a Laplacian pyramid; with
+#: ``FROZEN``, a step is a frozen function, in which Mitsuba 3.9.1 crashes.
 WAYS: tuple[tuple[str, tuple[str, str] | None], ...] = (
     ("Mitsuba prb", None),
     ("Mitsuba prb" + LEVELS, None),
     ("bilinear", ("bilinear", "none")),
-    ("bilinear" + LEVELS, ("bilinear", "none")),
+    ("bilinear" + FROZEN, ("bilinear", "none")),
     ("trilinear", ("trilinear", "autodiff")),
     ("EWA", ("ewa", "autodiff")),
     ("EWA" + LEVELS, ("ewa", "autodiff")),
+    ("EWA" + FROZEN, ("ewa", "autodiff")),
     ("16 probes", ("probes", "autodiff")),
     ("exact", ("exact", "autodiff")),
     ("exact" + LEVELS, ("exact", "autodiff")),
+    ("exact" + FROZEN, ("exact", "autodiff")),
 )
 #: (samples a pixel, learning rate)
 MITSUBA_SETTINGS = ((1, 0.01), (4, 0.02), (16, 0.03), (16, 0.08))
 OUR_SETTINGS = ((1, 0.03), (1, 0.08))
-_WARM_UP = 2
+_WARM_UP = 4
 _GREY = 0.5
 
 
@@ -120,6 +124,9 @@ class Renderer:
 def our_renderer(room: Room, way: tuple[str, str]) -> Renderer:
     params = rt.traverse(room.ours)
     params.keep([TEXELS])
+    # What changes for the first time gets tables of its own, which no frozen function can make.
+    params[TEXELS] = held(np.full_like(room.texels, _GREY), params.types.TensorXf)
+    params.update()
     how: dict[str, Any] = {"filter": way[0], "differentials": way[1]}
     return Renderer(
         params,
@@ -144,15 +151,15 @@ def mitsuba_renderer(room: Room) -> Renderer:
 def recover(title: str, renderer: Renderer, room: Room, samples: int, rate: float, seconds: float) -> Run:
     """Steps of Adam from grey for so many seconds."""
     tensor = renderer.tensor
-    photographs = [tensor(image) for image in room.photographs]
-    grey = tensor(np.full_like(room.texels, _GREY))
+    photographs = [held(image, tensor) for image in room.photographs]
+    grey = held(np.full_like(room.texels, _GREY), tensor)
     pyramid = rt.LaplacianPyramid(grey) if title.endswith(LEVELS) else None
     opt = dr.opt.Adam(lr=rate, params={"texels": grey} if pyramid is None else pyramid.levels)
 
     def texels(opt: Any) -> Any:
         return opt["texels"] if pyramid is None else dr.clip(pyramid.texture(opt), 0, 1)
 
-    def step(number: int) -> Any:
+    def step(state: Any, opt: Any, photographs: list[Any], number: Any) -> Any:
         renderer.params[TEXELS] = texels(opt)
         renderer.params.update()
         loss = 0
@@ -165,13 +172,17 @@ def recover(title: str, renderer: Renderer, room: Room, samples: int, rate: floa
             opt["texels"] = dr.clip(opt["texels"], 0, 1)
         return dr.detach(texels(opt))
 
+    called = dr.freeze(step) if title.endswith(FROZEN) else step
+    state = (room.ours, renderer.params) if title.endswith(FROZEN) else None
     curve: list[tuple[float, float]] = []
     total, steps, compiling, next_look = 0.0, 0, 0.0, 0.0
     while total < seconds:
-        opt.set_learning_rate(rate * 0.1 ** (total / seconds))
+        opt.set_learning_rate(dr.opaque(dr.llvm.ad.Float32, rate * 0.1 ** (total / seconds)))
+        number = dr.opaque(dr.llvm.ad.UInt32, steps) if title.endswith(FROZEN) else steps
         dr.sync_thread()
         begin = time.perf_counter()
-        found = step(steps)
+        # The first one makes tables, which no frozen function can.
+        found = (called if steps else step)(state, opt, photographs, number)
         dr.eval(found)
         dr.sync_thread()
         elapsed = time.perf_counter() - begin
@@ -184,6 +195,11 @@ def recover(title: str, renderer: Renderer, room: Room, samples: int, rate: floa
             curve.append((total, float(np.sqrt(np.mean((found.numpy() - room.texels) ** 2)))))
             next_look = total * 1.03
     return Run(title, samples, rate, curve, steps, compiling, found.numpy())
+
+
+def held(array: np.ndarray, tensor: Any) -> Any:
+    """``array`` in memory of Dr.Jit's own, as frozen functions want it."""
+    return tensor(owned(array, dr.llvm.ad.Float32), array.shape)
 
 
 def best(title: str, runs: list[Run], target: float | None) -> Run:
