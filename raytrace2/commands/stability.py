@@ -16,7 +16,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--accel", action="append", help="a structure to measure, or all; may be repeated (default bvh)"
     )
     parser.add_argument("--only", action="append", default=[], metavar="WORD", help="figures whose key has this word")
-    parser.add_argument("--rays", type=int, default=200_000, help="rays at vertices and edges, and at random (default 200000)")
+    parser.add_argument(
+        "--rays", type=int, default=200_000, help="rays at vertices, edges and at random (default 200000)"
+    )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("-o", "--output", default="out/stability", metavar="FOLDER", help="default: out/stability")
 
