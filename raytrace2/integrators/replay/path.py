@@ -75,9 +75,8 @@ def path_backward(
 ) -> tuple[Any, Any]:
     """Adds to the gradients of ``replay.values`` those of the radiance along each ray times ``adjoint`` (Array3f).
 
-    Returns the adjoints of the ray's origin, direction and differential (those that the replay follows, a list of
-    arrays as :func:`moving_parts` orders them), and how many paths were longer than what is remembered (UInt, on the
-    device).
+    Returns the adjoints of the state that paths begin in (those parts of it that the replay follows, as
+    :func:`moving_parts` orders them), and how many paths were longer than what is remembered (UInt, on the device).
     """
     t, limits, tracing = scene.types, Limits.of(scene, settings), StructureTracing(scene)
     length = min(settings.max_depth, LONGEST) if settings.max_depth >= 0 else LONGEST
@@ -101,7 +100,7 @@ def path_backward(
         )
     too_long = dr.zeros(t.UInt, 1)
     dr.scatter_add(too_long, t.UInt(1), t.UInt(0), count > length)
-    adjoint = dr.select(state.shown, adjoint, 0)
+    adjoint = dr.select(state.shown & (settings.max_depth != 0), adjoint, 0)
     following = [dr.zeros(type(leaf), len(ray)) for leaf in moving_parts(like, replay)]
 
     def back(count: Any, following: list[Any]) -> tuple[Any, list[Any]]:
@@ -169,7 +168,7 @@ def path_forward(
     state, _, _, change = dr.while_loop(
         (state, sampler, tangents, zero), lambda s, *_: s.active, step, label="path, tangents"
     )
-    return dr.select(state.shown, change, 0)
+    return dr.select(state.shown & (settings.max_depth != 0), change, 0)
 
 
 def moving_parts(state: Entry | PathState, replay: Replay) -> list[Any]:
