@@ -68,7 +68,10 @@ def test_more_volumes_than_a_chapter_holds():
     assert_same([mesh], ray, "float32", *kinds("group_size=1"))
 
 
-coordinate = st.one_of(st.sampled_from([0.0, -0.0, 1.0, -1.0, 0.5]), st.floats(-2, 2, width=32))
+# Less than the smallest normal number, which a tiny component comes to where directions are scaled, is zero to some
+# kernels and not to others.
+small = st.floats(-2, 2, width=32).filter(lambda x: x == 0 or abs(x) > 1e-30)
+coordinate = st.one_of(st.sampled_from([0.0, -0.0, 1.0, -1.0, 0.5]), small)
 point = st.tuples(coordinate, coordinate, coordinate)
 
 
