@@ -25,7 +25,7 @@ import numpy as np
 from charts import log_charts
 from PIL import Image
 from recovery_scene import MAX_DEPTH, PLACES, TEXELS, Room, make_room
-from study import code_digest, markdown_table, read_json, save_image, save_json, save_text
+from study import code_digest, contact_sheet, markdown_table, read_json, save_json, save_text
 from tqdm import tqdm
 
 import raytrace2 as rt  # isort: skip  # before drjit
@@ -50,6 +50,8 @@ WAYS: tuple[tuple[str, tuple[str, str] | None], ...] = (
     ("exact" + LEVELS, ("exact", "autodiff")),
     ("exact" + FROZEN, ("exact", "autodiff")),
 )
+#: Those in the picture.
+SHOWN = ("Mitsuba prb", "bilinear", "trilinear", "EWA, frozen", "16 probes", "exact, frozen")
 #: (samples a pixel, learning rate)
 MITSUBA_SETTINGS = ((4, 0.02), (16, 0.03))
 OUR_SETTINGS = ((1, 0.03), (1, 0.08))
@@ -108,7 +110,7 @@ def main() -> int:
     text = report(runs, options.seconds)
     print(text)
     save_text(options.out.with_suffix(".md"), text)
-    save_image(options.out.with_suffix(".png"), picture(runs, room, options.seconds))
+    picture(options.out.with_suffix(".png"), runs, room)
     return 0
 
 
@@ -244,17 +246,17 @@ def report(runs: dict[str, list[Run]], seconds: float) -> str:
     return markdown_table(head, rows) + line
 
 
-def picture(runs: dict[str, list[Run]], room: Room, seconds: float) -> np.ndarray:
-    """Curves of the best runs, and below them the truth and the texels that they ended with."""
+def picture(path: Path, runs: dict[str, list[Run]], room: Room) -> None:
+    """Curves of some ways' best runs, and beside them the truth and the texels that they ended with."""
     target = target_of(runs)
-    chosen = {t: best(t, r, None if t.startswith("Mitsuba") else target) for t, r in runs.items()}
-    curves = {t: [(max(s, 1e-2), e) for s, e in run.curve] for t, run in chosen.items()}
-    chart = log_charts("RMSE of the floor's texels over seconds of steps", {"error": curves}, "seconds")
-    tiles = [room.texels, *(run.texels for run in chosen.values())]
-    strip = np.concatenate([np.pad(_shown(t, 180), ((0, 0), (0, 6), (0, 0)), constant_values=255) for t in tiles], 1)
-    width = max(chart.shape[1], strip.shape[1])
-    parts = [np.pad(p, ((0, 0), (0, width - p.shape[1]), (0, 0)), constant_values=255) for p in (chart, strip)]
-    return np.concatenate(parts)
+    titles = [t for t in SHOWN if t in runs]
+    chosen = {t: best(t, runs[t], None if t.startswith("Mitsuba") else target) for t in titles}
+    curves = {t: [(s, e) for s, e in run.curve if s > 0] for t, run in chosen.items()}
+    chart = log_charts("RMSE of texels over seconds of steps", {"error": curves}, "seconds")
+    tiles = [(f"{t}: {run.curve[-1][1]:.3f} after {run.curve[-1][0]:.0f} s", run.texels) for t, run in chosen.items()]
+    size = chart.shape[0]
+    strips = [("", chart), *((title, _shown(t, size)) for title, t in [("truth", room.texels), *tiles])]
+    contact_sheet(path, strips, columns=4, width=chart.shape[1])
 
 
 def _shown(texels: np.ndarray, size: int) -> np.ndarray:
