@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -42,6 +43,8 @@ class Boundary:
         everywhere = any(slot.holder is job.view.camera for slot in slots)
         moving = surfaces if everywhere else job.traced.surfaces_of(places)
         lights_move = any(slot.moves and any(slot is x for x in job.traced.lights.slots) for slot in slots)
+        if lights_move or len(job.traced.surfaces_of(places)):
+            _warn_of_material_samples(job)
         self._seen = Curves.of(geometry, moving) if len(moving) else None
         self._casting = list(self._castings(moving, lights_move)) if _has_shadows(job) else []
 
@@ -84,6 +87,18 @@ class Boundary:
                 curves = Curves.of(geometry, surfaces) if surfaces else None
                 if curves is not None:
                     yield kind, curves, receives
+
+
+def _warn_of_material_samples(job: Job) -> None:
+    lights, settings = job.traced.lights, job.settings
+    samples = settings.kind == "path" or settings.bsdf_samples > 0
+    if _has_shadows(job) and samples and (lights.has_area or lights.has_environment):
+        warnings.warn(
+            "edges of shadows are off by what material samples count for where surfaces or lights that they lie on or "
+            "come from move, which is much under a sky: integrator=Integrator(kind='direct', bsdf_samples=0) is exact",
+            RuntimeWarning,
+            stacklevel=5,
+        )
 
 
 def _has_shadows(job: Job) -> bool:
