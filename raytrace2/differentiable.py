@@ -14,10 +14,10 @@ import drjit as dr
 
 from .boundary.motion import Boundary
 from .errors import SettingError
+from .fixed_order import ordered
 from .integrators.replay import LONGEST, Replay, direct_again, path_backward, path_forward
 from .job import Job
 from .live import Slot, bound
-from .ordered import ordered
 from .parameters.fields import converted
 from .rays.differentials import Differentials, RayDifferential, make_differentials
 from .rays.ray import Ray
