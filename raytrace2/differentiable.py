@@ -19,6 +19,7 @@ from .integrators.replay import LONGEST, Replay, direct_again, path_backward, pa
 from .job import Job
 from .live import Slot, bound
 from .parameters.fields import converted
+from .private_sums import private_sums
 from .rays.differentials import Differentials, RayDifferential, make_differentials
 from .rays.ray import Ray
 from .rays.wavefront import Wavefront
@@ -142,8 +143,9 @@ class _Moving:
         adjoint = film.adjoint(image)
         with bound(self.slots, self.replay.values):
             for wavefront in job.passes:
-                longer = self._pass_backward(wavefront, adjoint)
-                dr.eval([dr.grad(v) for v in self.replay.values], longer)
+                with private_sums(wavefront.size):
+                    longer = self._pass_backward(wavefront, adjoint)
+                    dr.eval([dr.grad(v) for v in self.replay.values], longer)
                 _warn(longer)
             if self.boundary is not None:
                 for crossings in self.boundary.crossings(self.replay.values):
