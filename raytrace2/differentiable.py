@@ -216,11 +216,21 @@ class _Moving:
 
     def _start(self, position: Any, aperture: Any) -> tuple[Ray, RayDifferential | None]:
         """The camera's rays, with derivatives if the camera has them."""
-        camera = self.job.view.camera
-        if self.replay.through is None:
-            return camera.sample_ray(position, aperture), None
-        ray, right, down = camera.sample_ray_differential(position, aperture, self.job.view.step)
-        return ray, RayDifferential.full(ray.o, *right, *down)
+        camera, slots = self.job.view.camera, self.job.camera_slots
+        first = dr.zeros(self.job.traced.types.UInt, dr.width(position))
+        with bound(slots, [_gathered(slot.value, first) for slot in slots]):
+            if self.replay.through is None:
+                return camera.sample_ray(position, aperture), None
+            ray, right, down = camera.sample_ray_differential(position, aperture, self.job.view.step)
+            return ray, RayDifferential.full(ray.o, *right, *down)
+
+
+def _gathered(values: Any, index: Any) -> Any:
+    """A PyTree of arrays of width 1, gathered by every lane: their adjoints are then added up in the kernel that makes
+    them, which otherwise runs once for each number."""
+    if isinstance(values, list):
+        return [_gathered(value, index) for value in values]
+    return dr.gather(type(values), values, index) if dr.grad_enabled(values) else values
 
 
 def _footprints(job: Job) -> Differentials | None:
