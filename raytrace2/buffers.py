@@ -30,6 +30,25 @@ def owned(array: np.ndarray, dtype: Any) -> Any:
     return target
 
 
+def apart(value: Any) -> Any:
+    """``value``, any Dr.Jit array, with its derivatives, in memory of its own.
+
+    Dr.Jit shares the memory of tensors of other frameworks and of NumPy, into which these write: optimisers do.
+    """
+    if dr.is_tensor_v(value):
+        return type(value)(apart(value.array), value.shape)
+    if dr.depth_v(value) > 1:
+        rows = [apart(part) for part in value]
+        # Iteration over a matrix gives its rows, of which it cannot be made with derivatives.
+        return type(value)(*([x for row in rows for x in row] if dr.is_matrix_v(value) else rows))
+    if value.state != dr.VarState.Evaluated:
+        return value
+    width = dr.width(value)
+    own = dr.empty(type(value), width)
+    dr.scatter(own, dr.detach(value), dr.arange(dr.uint32_array_t(type(value)), width))
+    return dr.replace_grad(own, value)
+
+
 def aligned_zeros(shape: tuple[int, ...], dtype: Any) -> np.ndarray:
     """NumPy zeros that Dr.Jit can gather packets from where they lie."""
     alignment = 64
