@@ -130,7 +130,8 @@ class _Moving:
         if tangents is not None:
             dr.set_grad(copies, tangents)
         how.job.view.film.clear()
-        return _Moving(how.job, how.slots, Replay(copies, how.moves, how.through), how.boundary)
+        replay = Replay(copies, how.moves, how.through, how.boundary is not None)
+        return _Moving(how.job, how.slots, replay, how.boundary)
 
     def value_adjoints(self, image: Any) -> list[Any]:
         """The adjoint of each value, given that of the image."""

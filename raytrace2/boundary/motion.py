@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -17,8 +16,9 @@ from ..rays.wavefront import split_passes
 from .choose import Choice
 from .crossings import Crossings
 from .curves import Curves
+from .gathered_edges import Gathering, gathered_edges, gathers
 from .light_points import LightKind
-from .shadow_edges import Casting, shadow_edges
+from .shadow_edges import Casting, casts, shadow_edges
 from .silhouettes import silhouettes, view_choice
 
 #: Samples of a pass.
@@ -43,10 +43,9 @@ class Boundary:
         everywhere = any(slot.holder is job.view.camera for slot in slots)
         moving = surfaces if everywhere else job.traced.surfaces_of(places)
         lights_move = any(slot.moves and any(slot is x for x in job.traced.lights.slots) for slot in slots)
-        if lights_move or len(job.traced.surfaces_of(places)):
-            _warn_of_material_samples(job)
         self._seen = Curves.of(geometry, moving) if len(moving) else None
-        self._casting = list(self._castings(moving, lights_move)) if _has_shadows(job) else []
+        self._casting = list(self._castings(moving, lights_move)) if casts(job) else []
+        self._gathering = list(self._groups(moving, False)) if gathers(job) else []
 
     def crossings(self, values: Sequence[Any]) -> Iterator[Crossings]:
         """The points, a pass at a time; ``values`` are what the slots hold."""
@@ -62,6 +61,12 @@ class Boundary:
             yield from self._passes(
                 values, lambda *which, c=casting, k=k: shadow_edges(job, c, seed + 0x1B873593 + k, *which)
             )
+        for k, (curves, receives) in enumerate(self._gathering):
+            with dr.suspend_grad(values):
+                gathering = Gathering(curves, Choice(curves.lengths(), job.traced.types), receives)
+            yield from self._passes(
+                values, lambda *which, g=gathering, k=k: gathered_edges(job, g, seed + 0x4CF5AD43 + k, *which)
+            )
 
     def _passes(self, values: Sequence[Any], sample: Callable[[int, int, int], Crossings]) -> Iterator[Crossings]:
         for wavefront in split_passes(self._samples, 1, _LANES):
@@ -70,8 +75,14 @@ class Boundary:
             yield found
 
     def _castings(self, moving: Sequence[int], lights_move: bool) -> Iterator[tuple[LightKind, Curves, Any]]:
-        """What casts shadows of which lights on what: where neither is among the surfaces that move, edges of shadows
-        move only with lights and the camera."""
+        """What casts shadows of which lights on what."""
+        for kind in LightKind.all(self._job.traced):
+            for curves, receives in self._groups(moving, lights_move):
+                yield kind, curves, receives
+
+    def _groups(self, moving: Sequence[int], lights_move: bool) -> Iterator[tuple[Curves, Any]]:
+        """What is seen from what: where neither is among the surfaces that move, edges move only with lights and the
+        camera."""
         scene = self._job.traced
         geometry = scene.structure.geometry
         count = len(geometry.surfaces)
@@ -82,27 +93,7 @@ class Boundary:
             mask = owned(flags, scene.types.UInt)
             others = [k for k in range(count) if not flags[k]] if len(moving) else []
             groups = [(list(moving), None), (others, mask)]
-        for kind in LightKind.all(scene):
-            for surfaces, receives in groups:
-                curves = Curves.of(geometry, surfaces) if surfaces else None
-                if curves is not None:
-                    yield kind, curves, receives
-
-
-def _warn_of_material_samples(job: Job) -> None:
-    lights, settings = job.traced.lights, job.settings
-    samples = settings.kind == "path" or settings.bsdf_samples > 0
-    if _has_shadows(job) and samples and (lights.has_area or lights.has_environment):
-        warnings.warn(
-            "edges of shadows are off by what material samples count for where surfaces or lights that they lie on or "
-            "come from move, which is much under a sky: integrator=Integrator(kind='direct', bsdf_samples=0) is exact",
-            RuntimeWarning,
-            stacklevel=5,
-        )
-
-
-def _has_shadows(job: Job) -> bool:
-    """Whether surfaces are lit by lights that rays are sent to."""
-    scene, settings = job.traced, job.settings
-    one_bounce = settings.kind == "direct" or settings.max_depth < 0 or settings.max_depth > 1
-    return one_bounce and bool(scene.lights.count) and scene.materials.has_smooth_any
+        for surfaces, receives in groups:
+            curves = Curves.of(geometry, surfaces) if surfaces else None
+            if curves is not None:
+                yield curves, receives

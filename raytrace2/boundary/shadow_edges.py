@@ -1,4 +1,4 @@
-"""Where shadows end on what the camera sees."""
+"""Where shadows end on what the camera sees: for light that is found by sampling lights, points of which cast them."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def shadow_edges(job: Job, casting: Casting, seed: Any, count: int, first: int, 
     eye = kind.eye(u)
     dr.eval(eye.at)
     lane = dr.arange(t.UInt, count) + dr.opaque(t.UInt, first)
-    index, s, chance = _casting_curve(casting, eye, lane, total, sampler)
+    index, s, chance = _casting_curve(casting, eye, u, lane, total, sampler)
     aperture = sampler.next_2d() if camera.needs_aperture_sample else None
     dr.eval(index, s, chance, aperture, sampler.rng)
 
@@ -94,9 +94,11 @@ def shadow_edges(job: Job, casting: Casting, seed: Any, count: int, first: int, 
     reach = dr.fmax(reach, largest * grown) + si.p_error * (1 / t.epsilon)
     size = film_side.clear_of_rounding(way, plane, reach, film_side.SHADOW_CLEARANCE * t.epsilon)
     active &= size < 1
-    far = dr.dot(si.p - seen.o, seen.d) * (1 - _NEAR)
-    active &= ~structure.occluded(Ray.of(seen.o, seen.d, 0, far), active)
-    dr.eval(at, step, size, across, active)
+    hidden = t.Bool(True) if job.settings.hide_emitters else None
+    first_hit = StructureTracing(job.traced).closest(seen, active, hidden)
+    far = dr.dot(si.p - seen.o, seen.d)
+    active &= first_hit.valid & (dr.abs(first_hit.t - far) < far * _NEAR)
+    dr.eval(at, step, size, across, active, first_hit)
 
     # The light of that same point of the light on either side.
     both = dr.arange(t.UInt, 2 * count)
@@ -113,7 +115,8 @@ def shadow_edges(job: Job, casting: Casting, seed: Any, count: int, first: int, 
     scale = per_sample * curves.share(index) / dr.select(active, chance, 1)
 
     def position() -> tuple[Any, Any]:
-        moving = kind.eye(u)
+        p = structure.interact(camera.sample_ray(t.Array2f(*at), aperture), first_hit).p
+        moving = kind.eye_for(u, eye, p, active)
         x = curves.at(index, s, moving).x
         if moving.parallel:
             again = Ray.of(dr.replace_grad(ray.o, x), dr.replace_grad(ray.d, -moving.at + 0 * x), ray.tmin, ray.tmax)
@@ -122,15 +125,32 @@ def shadow_edges(job: Job, casting: Casting, seed: Any, count: int, first: int, 
             again = Ray.of(dr.replace_grad(ray.o, o), dr.replace_grad(ray.d, x - o), ray.tmin, ray.tmax)
         x, y, depth = FilmMap.of(camera, aperture).weights(structure.interact(again, hit).p)
         depth = dr.select(active, depth, 1)
-        return x / depth, y / depth
+        return film_side.pixels(film, (x / depth, y / depth))
 
     return Crossings(film, at, jump, (across[0] * scale, across[1] * scale), active, position)
 
 
-def _casting_curve(casting: Casting, eye: Eye, lane: Any, total: int, sampler: Any) -> tuple[Any, Any, Any]:
+def casts(job: Job) -> bool:
+    """Whether surfaces are lit by lights that rays are sent to."""
+    scene, settings = job.traced, job.settings
+    if settings.kind == "direct":
+        one_bounce = settings.emitter_samples > 0
+    else:
+        one_bounce = settings.max_depth < 0 or settings.max_depth > 1
+    return one_bounce and bool(scene.lights.count) and scene.materials.has_smooth_any
+
+
+def _material_share(job: Job) -> float:
+    """How many samples are taken of materials for one of lights."""
+    settings = job.settings
+    return 1.0 if settings.kind == "path" else settings.bsdf_samples / settings.emitter_samples
+
+
+def _casting_curve(casting: Casting, eye: Eye, u: Any, lane: Any, total: int, sampler: Any) -> tuple[Any, Any, Any]:
     """A curve that ends a surface as seen from ``eye``, where on it, and with which probability (0 for none): one of
     those among some candidates (resampling: Talbot, Cline and Egbert, EGSR 2005)."""
-    t, wide = casting.curves.types, make_types("float64").Float
+    t, wide, kind = casting.curves.types, make_types("float64").Float, casting.kind
+    own = kind.rounded(u)
     width = dr.width(lane)
     scale = dr.opaque(wide, 1 / total)
 
@@ -139,6 +159,8 @@ def _casting_curve(casting: Casting, eye: Eye, lane: Any, total: int, sampler: A
         place = (wide(lane) + wide(sampler.next_1d())) * scale + wide(i) * (1 / _CANDIDATES)
         number, probability, rest = casting.choice.draw(place - dr.floor(place))
         good = casting.curves.at(number, rest, eye).hides & (probability > 0)
+        if own is not None:
+            good &= kind.scene.lights.light_of(casting.curves.outlined(number), good) != own
         found = dr.select(good, found + 1, found)
         taken = good & (sampler.next_1d() * t.Float(found) < 1)
         return (
@@ -164,4 +186,4 @@ def _light_seen(job: Job, kind: LightKind, at: Any, lens: Any, u: Any, sampler: 
         meeting = meeting.drawing(sampler.next_2d())
     si = meeting.si
     active = active & si.valid
-    return kind.light(si, u, scene.material(si, active), active)
+    return kind.light(si, u, scene.material(si, active), _material_share(job), active)

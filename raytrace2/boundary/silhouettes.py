@@ -101,6 +101,6 @@ def silhouettes(job: Job, curves: Curves, choice: Choice, seed: Any, count: int,
         x = curves.at(index, s, Eye(moving.eye, moving.parallel)).x
         u, v, depth = moving.weights(x)
         depth = dr.select(active, depth, 1)
-        return u / depth, v / depth
+        return film_side.pixels(film, (u / depth, v / depth))
 
     return Crossings(film, at, jump, (across[0] * scale, across[1] * scale), active, position)
