@@ -102,6 +102,11 @@ class Job:
         return [slot for slot, _ in found], [value for _, value in found]
 
     @property
+    def radiance(self) -> Integrator | None:
+        """The integrator of light, whose colour comes first; None where there are aovs alone."""
+        return self.settings.nested if self.settings.kind == "aov" else self.settings
+
+    @property
     def channels(self) -> list[str]:
         """The names of the image's channels."""
         if self.view.film.pixel_format == "luminance" and self.names[:3] == ["R", "G", "B"]:
@@ -128,22 +133,21 @@ class Job:
 
     def _values(self, position: Any, aperture: Any) -> list[Any]:
         """The values of one sample a lane: colour, then aovs."""
-        settings, view = self.settings, self.view
-        radiance = settings if settings.kind != "aov" else settings.nested
+        settings, view, radiance = self.settings, self.view, self.radiance
         ray, differential = view.differentials.start(view.camera, position, aperture)
         how: dict[str, Any] = {"differentials": view.differentials, "differential": differential}
         values: list[Any] = []
         if radiance is not None:
             values.extend(RADIANCE[radiance.kind](self.traced, radiance, self.sampler, ray, **how))
         if settings.kind == "aov":
-            needed = differential is None and needs_offset_rays(settings)
-            offsets = _offset_rays(view, position, aperture) if needed else None
+            offsets = None if differential is not None else self.offset_rays(position, aperture)
             values = [*values, *aov(self.traced, settings, ray, offsets, **how)]
         return values
 
-
-def _offset_rays(view: View, position: Any, aperture: Any) -> tuple[Ray, Ray]:
-    """Rays towards the next sample to the right and down."""
-    step = type(position)
-    right, down = step(view.step[0], 0), step(0, view.step[1])
-    return view.camera.sample_ray(position + right, aperture), view.camera.sample_ray(position + down, aperture)
+    def offset_rays(self, position: Any, aperture: Any) -> tuple[Ray, Ray] | None:
+        """Rays towards the next sample to the right and down, where aovs need them."""
+        if not needs_offset_rays(self.settings):
+            return None
+        step, camera = self.view.step, self.view.camera
+        right, down = type(position)(step[0], 0), type(position)(0, step[1])
+        return camera.sample_ray(position + right, aperture), camera.sample_ray(position + down, aperture)

@@ -7,12 +7,13 @@ from typing import Any
 
 import drjit as dr
 
-from ..rays.differentials import NO_DIFFERENTIALS, Differentials, uv_partials
+from ..rays.differentials import NO_DIFFERENTIALS, Bouncing, uv_partials
 from ..rays.ray import Ray
 from ..scene.description import Integrator
 from ..scene.traced import TracedScene
 from ..surfaces.hit import Counts
 from ..surfaces.interaction import SurfaceInteraction
+from .tracing import Tracing
 
 _AXES = ("X", "Y", "Z")
 _COLORS = ("R", "G", "B")
@@ -39,6 +40,9 @@ CHANNELS: dict[str, tuple[str, ...]] = {
     "accel.primitives": ("N",),
 }
 
+#: Those that tell of footprints.
+FOOTPRINTS = ("duv_dx", "duv_dy")
+
 
 def channel_names(settings: Integrator) -> list[str]:
     """The names of the channels of ``settings.aovs``, in order."""
@@ -52,16 +56,19 @@ def aov(
     offset_rays: tuple[Ray, Ray] | None,
     active: Any = True,
     *,
-    differentials: Differentials = NO_DIFFERENTIALS,
+    differentials: Bouncing = NO_DIFFERENTIALS,
     differential: Any = None,
+    tracing: Tracing | None = None,
 ) -> list[Any]:
     """The values (Float) of every channel of ``settings.aovs`` along each ray, zero on a miss.
 
     ``duv_dx`` and ``duv_dy`` are what ``differentials`` say, and else found with ``offset_rays``, a pixel to the right
-    and a pixel down.
+    and a pixel down. A ``tracing`` other than the scene's own does not count what rays cost.
     """
     counts: Counts | None = None
-    if any(kind.startswith("accel.") for _, kind in settings.aovs):
+    if tracing is not None:
+        hit = tracing.closest(ray, active, None)
+    elif any(kind.startswith("accel.") for _, kind in settings.aovs):
         hit, counts = scene.structure.count(ray, active)
     else:
         hit = scene.structure.intersect(ray, active)
@@ -79,7 +86,7 @@ def aov(
 
 def needs_offset_rays(settings: Integrator) -> bool:
     """Whether :func:`aov` needs ``offset_rays``."""
-    return any(kind in ("duv_dx", "duv_dy") for _, kind in settings.aovs)
+    return any(kind in FOOTPRINTS for _, kind in settings.aovs)
 
 
 _FIELDS: dict[str, Callable[[SurfaceInteraction], Any]] = {

@@ -195,8 +195,8 @@ def test_what_is_refused() -> None:
             rt.render(scene, wrong)  # type: ignore[arg-type]
     depth = {"type": "aov", "aovs": "dd:depth", "image": {"type": "path"}}
     scene, params = start(integrator=depth)
-    with pytest.raises(rt.SettingError, match="aovs have no derivatives"):
-        rt.render(scene, params)
+    with pytest.raises(rt.SettingError, match="edges have no derivatives in aovs"):
+        rt.render(scene, params, visibility_gradients=True)
     dr.disable_grad(params[TEXELS])
     params.update()
     assert rt.render(scene, params).shape == (8, 10, 4)
