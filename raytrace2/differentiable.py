@@ -177,6 +177,7 @@ class _Moving:
         with dr.suspend_grad(replay.values):
             offset, position, aperture = job.begin(wavefront)
             ray, differential = view.differentials.start(view.camera, position, aperture)
+            random = job.texel_random()
             given = view.film.sample_adjoints(adjoint, wavefront, offset)
         longer, terms = None, []
         if radiance is not None and radiance.kind == "path":
@@ -189,7 +190,7 @@ class _Moving:
                 # Those of the throughput, the origin of the way to the camera and its density go no further.
                 parts = [moving.o, moving.d, *_parts(moving_differential)]
                 terms = [dr.dot(a, x) for a, x in zip([*following[1:3], *following[5:]], parts, strict=True)]
-        values = self._values(radiance, ray, differential, position, aperture)
+        values = self._values(radiance, ray, differential, position, aperture, random)
         terms += [a * x for a, x in zip(given, values, strict=True)]
         total = _sum(terms) if terms else t.Float(0)
         if dr.grad_enabled(total):
@@ -202,6 +203,7 @@ class _Moving:
         with dr.suspend_grad(replay.values):
             offset, position, aperture = job.begin(wavefront)
             ray, differential = view.differentials.start(view.camera, position, aperture)
+            random = job.texel_random()
         change: list[Any] = []
         if radiance is not None and radiance.kind == "path":
             moving, moving_differential = self._start(position, aperture)
@@ -210,10 +212,10 @@ class _Moving:
                 job.traced, radiance, job.sampler, ray, tangents, replay, view.differentials, differential
             )
             change = list(light)
-        return offset, change + _tangents(self._values(radiance, ray, differential, position, aperture))
+        return offset, change + _tangents(self._values(radiance, ray, differential, position, aperture, random))
 
     def _values(
-        self, radiance: Integrator | None, ray: Ray, differential: Any, position: Any, aperture: Any
+        self, radiance: Integrator | None, ray: Ray, differential: Any, position: Any, aperture: Any, random: Any
     ) -> list[Any]:
         """The values of one sample a lane, with derivatives: the colour, unless paths are replayed, and aovs."""
         job, replay, differentials = self.job, self.replay, self.job.view.differentials
@@ -231,7 +233,7 @@ class _Moving:
             offsets = None if differential is not None else self._from_camera(job.offset_rays, position, aperture)
             found += aov_again(
                 job.traced, job.settings, ray, moving, offsets, replay, differentials, differential,
-                moving_differential, self.footprints,
+                moving_differential, random, self.footprints,
             )  # fmt: skip
         return found
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
@@ -87,7 +87,9 @@ class Job:
         names = [] if settings.kind == "aov" and settings.nested is None else ["R", "G", "B"]
         names += channel_names(settings)
         check_work(filtering.film, len(names), sampler.sample_count, c.max_lanes)
-        film = Film(filtering.film, traced.types, len(names))
+        # Aovs that no colour comes before are not colours.
+        desc = filtering.film if names[:3] == ["R", "G", "B"] else replace(filtering.film, pixel_format="rgb")
+        film = Film(desc, traced.types, len(names))
         passes = split_passes(film.pixel_count, sampler.sample_count, c.max_lanes)
         view = View(camera, film, filtering, sampler.sample_count)
         return Job(traced, held, settings, filtering, view, sampler, c.seed, passes, names)
@@ -136,13 +138,18 @@ class Job:
         settings, view, radiance = self.settings, self.view, self.radiance
         ray, differential = view.differentials.start(view.camera, position, aperture)
         how: dict[str, Any] = {"differentials": view.differentials, "differential": differential}
+        random = self.texel_random()
         values: list[Any] = []
         if radiance is not None:
             values.extend(RADIANCE[radiance.kind](self.traced, radiance, self.sampler, ray, **how))
         if settings.kind == "aov":
             offsets = None if differential is not None else self.offset_rays(position, aperture)
-            values = [*values, *aov(self.traced, settings, ray, offsets, **how)]
+            values = [*values, *aov(self.traced, settings, ray, offsets, random=random, **how)]
         return values
+
+    def texel_random(self) -> Any:
+        """Random numbers (Array2f) with which aovs look up textures; None where they need none."""
+        return self.sampler.next_2d() if self.settings.kind == "aov" and self.traced.draws_texels else None
 
     def offset_rays(self, position: Any, aperture: Any) -> tuple[Ray, Ray] | None:
         """Rays towards the next sample to the right and down, where aovs need them."""

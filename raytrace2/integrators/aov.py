@@ -59,11 +59,13 @@ def aov(
     differentials: Bouncing = NO_DIFFERENTIALS,
     differential: Any = None,
     tracing: Tracing | None = None,
+    random: Any = None,
 ) -> list[Any]:
     """The values (Float) of every channel of ``settings.aovs`` along each ray, zero on a miss.
 
     ``duv_dx`` and ``duv_dy`` are what ``differentials`` say, and else found with ``offset_rays``, a pixel to the right
     and a pixel down. A ``tracing`` other than the scene's own does not count what rays cost.
+    ``random`` (Array2f) is for filters that read texels at random.
     """
     counts: Counts | None = None
     if tracing is not None:
@@ -72,7 +74,8 @@ def aov(
         hit, counts = scene.structure.count(ray, active)
     else:
         hit = scene.structure.intersect(ray, active)
-    si = differentials.meet(scene.structure, ray, differential, hit).si
+    meeting = differentials.meet(scene.structure, ray, differential, hit)
+    si = (meeting if random is None else meeting.drawing(random)).si
     Float = scene.types.Float
     values: list[Any] = []
     for _, kind in settings.aovs:

@@ -189,3 +189,16 @@ def test_a_pose_is_found_from_depth() -> None:
         dr.backward(dr.mean(dr.select(dr.abs(difference) < 0.5, dr.square(difference), 0), axis=None))
         opt.step()
     assert np.abs(opt["moved"].numpy()).max() < 0.01
+
+
+@pytest.mark.parametrize("nested", [None, "path", "direct"])
+def test_texels_that_are_drawn_at_random_have_the_derivatives_of_the_whole_filter(nested: str | None) -> None:
+    inner = None if nested is None else Integrator(nested, max_depth=2)  # type: ignore[arg-type]
+    settings = Integrator("aov", aovs=(("albedo", "albedo"),), nested=inner)
+    key = "floor.bsdf.reflectance.data"
+    found = []
+    for name in ("trilinear", "stochastic:of=trilinear"):
+        case = Case(SPECS["shapes"], "float64", settings, filter=name)
+        found.append(case.tangent(key, np.random.default_rng(8).random(case.start[key].shape)))
+    assert np.abs(found[0]).max() > 0
+    np.testing.assert_allclose(found[1][..., -3:], found[0][..., -3:], atol=1e-12)

@@ -30,11 +30,12 @@ def aov_again(
     differentials: Differentials,
     differential: Any,
     moving_differential: Any,
+    random: Any,
     footprints: bool,
 ) -> list[Any]:
     """The values (Float) of every channel of ``settings.aovs`` with derivatives attached, and 0 for those that have
     none: by ``replay.values``, by ``moving`` and its differential, which are ``ray`` and ``differential`` with
-    derivatives, and by ``offset_rays``. ``footprints``: those of footprints too."""
+    derivatives, and by ``offset_rays``. ``random`` is as for :func:`aov`. ``footprints``: those of footprints too."""
     still = _COUNTED if footprints else (*_COUNTED, *FOOTPRINTS)
     smooth = replace(settings, aovs=tuple(one for one in settings.aovs if one[1] not in still))
     with dr.suspend_grad(replay.values):
@@ -43,7 +44,7 @@ def aov_again(
     player = Player(recorder.memory, replay.through)
     state = differential if replay.through is None else moving_differential
     found = iter(
-        aov(scene, smooth, moving, offset_rays, differentials=player, differential=state, tracing=player)
+        aov(scene, smooth, moving, offset_rays, differentials=player, differential=state, tracing=player, random=random)
         if smooth.aovs
         else []
     )
