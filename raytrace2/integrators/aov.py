@@ -7,6 +7,7 @@ from typing import Any
 
 import drjit as dr
 
+from ..errors import SettingError
 from ..rays.differentials import NO_DIFFERENTIALS, Bouncing, uv_partials
 from ..rays.ray import Ray
 from ..scene.description import Integrator
@@ -42,6 +43,18 @@ CHANNELS: dict[str, tuple[str, ...]] = {
 
 #: Those that tell of footprints.
 FOOTPRINTS = ("duv_dx", "duv_dy")
+
+
+def parse_aovs(text: str) -> tuple[tuple[str, str], ...]:
+    """The (name, kind) pairs of ``"depth,n:sh_normal"``: kinds, with names where these are others. ``SettingError`` for
+    what is no kind."""
+    tokens = text.replace(",", " ").split()
+    pairs = tuple((name, kind if colon else name) for name, colon, kind in (token.partition(":") for token in tokens))
+    unknown = [kind for _, kind in pairs if kind not in CHANNELS]
+    if unknown or not pairs:
+        wrong = f"there is no aov {unknown[0]!r}" if unknown else "no aovs are listed"
+        raise SettingError(f"{wrong}; kinds are: {', '.join(CHANNELS)}")
+    return pairs
 
 
 def channel_names(settings: Integrator) -> list[str]:

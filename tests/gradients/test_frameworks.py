@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import raytrace2 as rt
-from raytrace2.scene.description import Integrator
 
 KEY = "floor.bsdf.reflectance.data"
 START = np.random.default_rng(2).normal(size=scenes.PIXELS.shape).astype(np.float32)
@@ -120,8 +119,7 @@ def test_an_optimiser_of_pytorch_finds_a_pose(precision: str) -> None:
     """From depth, by what moves a matrix in PyTorch."""
     torch = pytest.importorskip("torch")
     params, key = rt.traverse(scenes.load(), precision), "sensor.to_world"
-    depth = Integrator("aov", aovs=(("z", "depth"),))
-    image = picture(params, key, spp=4, seed=1, seed_grad=1, integrator=depth)
+    image = picture(params, key, spp=4, seed=1, seed_grad=1, integrator="aov:depth")
     base = torch.tensor(np.array(params[key].numpy())[..., 0])
     with torch.no_grad():
         truth = image(base)

@@ -172,3 +172,14 @@ def test_aovs_alone_are_no_colours() -> None:
     images = [render_detailed(rt.load_dict(scene(sensor=s, **corner())), integrator=settings) for s in (sensor, grey)]
     np.testing.assert_array_equal(*(done.image.numpy() for done in images))
     assert images[0].channels == images[1].channels
+
+
+def test_aovs_by_name() -> None:
+    loaded = rt.load_dict(scene(sensor=camera((12, 10)), **corner()))
+    done = render_detailed(loaded, integrator="aov:depth,n:sh_normal")
+    assert done.channels == ["depth.T", "n.X", "n.Y", "n.Z"]
+    settings = Integrator("aov", aovs=(("depth", "depth"), ("n", "sh_normal")))
+    np.testing.assert_array_equal(done.image.numpy(), rt.render(loaded, integrator=settings).numpy())
+    for wrong in ("aov", "aov:", "aov:dept", "aov:z:dept"):
+        with pytest.raises(rt.SettingError, match="kinds are: albedo, depth"):
+            rt.render(loaded, integrator=wrong)
