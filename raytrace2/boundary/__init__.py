@@ -19,8 +19,8 @@ that multiple importance sampling gives it:
 
 Together these are all of the derivative of light that is scattered no more than once, for any smooth material.
 
-Not seen are: edges in mirrors and through glass; edges in the light that surfaces get which the camera does not see
-directly (shadows in light scattered before); the lines in which surfaces run through each other, those where spot
+Not seen are: edges in mirrors and through glass, and shadows behind masks (a warning says so where there are such);
+edges in the light that surfaces get which the camera does not see directly (shadows in light scattered before); the lines in which surfaces run through each other, those where spot
 lights and textures end, shadow terminators of smooth normals on coarse meshes, and the near plane. Edges that only
 partly lie on one another are each counted in full. Vertices at one place are taken to move together. Instances are
 refused. Holding directions makes derivatives by what turns shiny surfaces noisier, the more the less rough they are.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -35,6 +36,12 @@ class Boundary:
             raise SettingError(
                 "the edges of instances have no derivatives: render with visibility_gradients=False, or write the "
                 "shapes of the group out in the scene"
+            )
+        if job.traced.materials.has_delta:
+            warnings.warn(
+                "edges that are seen in mirrors or through glass, and shadows seen through masks, have no derivatives",
+                RuntimeWarning,
+                stacklevel=4,
             )
         self._job = job
         self._samples = samples or job.view.film.pixel_count * job.sampler.sample_count

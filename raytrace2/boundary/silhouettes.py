@@ -76,7 +76,8 @@ def silhouettes(job: Job, curves: Curves, choice: Choice, seed: Any, count: int,
     active &= dr.isfinite(size)
     ray = camera.sample_ray(t.Array2f(*at), aperture)
     far = dr.dot(point.x - ray.o, ray.d) * (1 - _NEAR)
-    active &= ~job.traced.structure.occluded(Ray.of(ray.o, ray.d, 0, far), active)
+    if not job.traced.materials.has_null:
+        active &= ~job.traced.structure.occluded(Ray.of(ray.o, ray.d, 0, far), active)
     dr.eval(at, step, size, across, active)
 
     # Both sides draw the same numbers.
