@@ -50,7 +50,20 @@ MORE = [
     Spec((("instance", "ggx"),), ("envmap",), filter="ewa"),
     Spec((("cylinder", "normalmap"),), ("point",), filter="ewa"),
     Spec((("disk", "bumpmap"),), ("constant",), filter="trilinear"),
-    Spec((("sphere", "thindielectric"),), ("area_rectangle",), "thinlens", "direct", "ewa"),
+    Spec((("sphere", "thindielectric"),), ("area_rectangle",), "thinlens", filter="ewa"),
+    Spec((("smooth", "dielectric"),), ("constant",), filter="ewa"),
+    Spec((("smooth", "texture"),), ("point",), filter="bicubic"),
+    Spec((("flat", "checker"),), ("point",), filter="mip_distance", differentials="analytic"),
+    Spec((("faces", "texture"),), ("directional",), filter="trilinear_shorter"),
+    Spec((("sphere", "texture"),), ("area_disk",), filter="probes:max_anisotropy=0"),
+    Spec((("cylinder", "texture"),), ("point",), filter="exact2", differentials="autodiff2"),
+    Spec((("disk", "ggx"),), ("envmap",), filter="exact"),
+    Spec((("smooth", "mask"),), ("spot",), filter="exact"),
+    Spec((("disk", "normalmap"),), ("point",), filter="exact"),
+    Spec((("instance", "normalmap"),), ("area_sphere",), filter="probes"),
+    Spec((("rectangle", "bumpmap"),), ("area_smooth",), filter="ewa"),
+    Spec((("cylinder", "bumpmap"),), ("area_faces",), filter="exact"),
+    Spec((("sphere", "twosided"), ("disk", "normalmap")), ("area_flat",), "orthographic", filter="ewa"),
 ]
 if os.environ.get("RAYTRACE2_ALL_GRADIENTS"):
     SPECS += MORE
@@ -159,7 +172,8 @@ def errors(spec: Spec) -> dict[str, tuple[float, float, float]]:
 @pytest.mark.parametrize("spec", SPECS, ids=str)
 def test_reverse_mode(spec: Spec) -> None:
     for key, (wide, narrow, _) in errors(spec).items():
-        assert wide < 1e-6, key
+        # How footprints change from pixel to pixel counts as constant.
+        assert wide < (2e-3 if spec.differentials == "autodiff2" else 1e-6), key
         assert narrow < 1e-3, key
 
 
