@@ -102,7 +102,8 @@ def render(
     surfaces and shadows: that edges move is not seen, but for ``visibility_gradients``, which costs: True takes as many
     points of moving edges as there are samples, a number so many (see :mod:`raytrace2.boundary`).
     ``footprint_gradients``: footprints of texture filters depend on the camera and on surfaces; without, they count as
-    constant, as how they change from pixel to pixel (``"autodiff2"``) always does. ``deterministic``: gradients, too, are the same to the bit from run to run; on one thread.
+    constant, as how they change from pixel to pixel (``"autodiff2"``) always does. ``deterministic``: gradients, too,
+    are the same to the bit from run to run; on one thread.
 
     It may be part of a function that Dr.Jit freezes (``dr.freeze``) and that has ``scene`` or ``params`` and the seed
     among its arguments, if the same render was done once before; samples that are not finite are then left out without
