@@ -42,8 +42,6 @@ def differentiable(
         # Of what this image does not depend on, such as another camera, the derivative is zero.
         unseen = [store.entries[place].value for place in store.with_derivatives()]
         return dr.custom(_Nothing, image, unseen) if unseen else image
-    if job.settings.kind == "aov" and visibility:
-        raise SettingError("edges have no derivatives in aovs: give visibility_gradients=False, or another integrator")
     moves = any(slot.moves for slot in slots)
     through = _footprints(job) if moves and footprints else None
     boundary = Boundary(job, slots, 0 if visibility is True else visibility) if moves and visibility else None
@@ -177,7 +175,7 @@ class _Moving:
         with dr.suspend_grad(replay.values):
             offset, position, aperture = job.begin(wavefront)
             ray, differential = view.differentials.start(view.camera, position, aperture)
-            random = job.texel_random()
+            random = job.texel_random(job.sampler)
             given = view.film.sample_adjoints(adjoint, wavefront, offset)
         longer, terms = None, []
         if radiance is not None and radiance.kind == "path":
@@ -203,7 +201,7 @@ class _Moving:
         with dr.suspend_grad(replay.values):
             offset, position, aperture = job.begin(wavefront)
             ray, differential = view.differentials.start(view.camera, position, aperture)
-            random = job.texel_random()
+            random = job.texel_random(job.sampler)
         change: list[Any] = []
         if radiance is not None and radiance.kind == "path":
             moving, moving_differential = self._start(position, aperture)

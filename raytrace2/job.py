@@ -10,7 +10,7 @@ import drjit as dr
 
 from .film import Film
 from .filtering import Filtering, plan_filtering
-from .integrators.aov import aov, channel_names, needs_offset_rays
+from .integrators.aov import CHANNELS, COUNTED, aov, channel_names, needs_offset_rays
 from .integrators.direct import direct
 from .integrators.path import path
 from .live import Slot
@@ -109,6 +109,18 @@ class Job:
         return self.settings.nested if self.settings.kind == "aov" else self.settings
 
     @property
+    def of_light(self) -> Job | None:
+        """The same without aovs; None where there is nothing else."""
+        return None if self.radiance is None else replace(self, settings=self.radiance)
+
+    @property
+    def ends_at_edges(self) -> list[bool]:
+        """For each of the ``names``, whether it jumps where surfaces end, rather than anywhere."""
+        colours = [True] * (0 if self.radiance is None else 3)
+        anywhere = set(COUNTED) - {"shape_index"}
+        return colours + [kind not in anywhere for _, kind in self.settings.aovs for _ in CHANNELS[kind]]
+
+    @property
     def channels(self) -> list[str]:
         """The names of the image's channels."""
         if self.view.film.pixel_format == "luminance" and self.names[:3] == ["R", "G", "B"]:
@@ -129,27 +141,27 @@ class Job:
     def render_pass(self, wavefront: Wavefront) -> None:
         """Adds the samples of a pass to the film."""
         offset, position, aperture = self.begin(wavefront)
-        self.view.film.add(wavefront, offset, self._values(position, aperture))
+        self.view.film.add(wavefront, offset, self.values(self.sampler, position, aperture))
         if not dr.flag(dr.JitFlag.FreezingScope):
             dr.sync_thread()
 
-    def _values(self, position: Any, aperture: Any) -> list[Any]:
-        """The values of one sample a lane: colour, then aovs."""
+    def values(self, sampler: Any, position: Any, aperture: Any, active: Any = True) -> list[Any]:
+        """The values of one sample a lane, in the order of ``names``: colour, then aovs."""
         settings, view, radiance = self.settings, self.view, self.radiance
         ray, differential = view.differentials.start(view.camera, position, aperture)
         how: dict[str, Any] = {"differentials": view.differentials, "differential": differential}
-        random = self.texel_random()
+        random = self.texel_random(sampler)
         values: list[Any] = []
         if radiance is not None:
-            values.extend(RADIANCE[radiance.kind](self.traced, radiance, self.sampler, ray, **how))
+            values.extend(RADIANCE[radiance.kind](self.traced, radiance, sampler, ray, active, **how))
         if settings.kind == "aov":
             offsets = None if differential is not None else self.offset_rays(position, aperture)
-            values = [*values, *aov(self.traced, settings, ray, offsets, random=random, **how)]
+            values = [*values, *aov(self.traced, settings, ray, offsets, active, random=random, **how)]
         return values
 
-    def texel_random(self) -> Any:
+    def texel_random(self, sampler: Any) -> Any:
         """Random numbers (Array2f) with which aovs look up textures; None where they need none."""
-        return self.sampler.next_2d() if self.settings.kind == "aov" and self.traced.draws_texels else None
+        return sampler.next_2d() if self.settings.kind == "aov" and self.traced.draws_texels else None
 
     def offset_rays(self, position: Any, aperture: Any) -> tuple[Ray, Ray] | None:
         """Rays towards the next sample to the right and down, where aovs need them."""

@@ -21,9 +21,10 @@ from ..rays.wavefront import Wavefront
 class Crossings:
     """Sampled points of such curves, one a lane, all without derivatives but for what ``position`` gives.
 
-    ``at`` is the film position of what is integrated, ``jump`` (Array3f) that on one side less that on the other,
-    ``across`` (Floats, a vector) points to the other: it is as long as the way along the curve, over the density of the
-    sample. ``position`` gives the place of the curve (as many Floats), which follows what moves.
+    ``at`` is the film position of what is integrated, ``jump`` (Floats, one for each of the film's channels, or an
+    Array3f where none but the first three jump) that on one side less that on the other, ``across`` (Floats, a vector)
+    points to the other: it is as long as the way along the curve, over the density of the sample. ``position`` gives
+    the place of the curve (as many Floats), which follows what moves.
     """
 
     def __init__(
@@ -31,10 +32,10 @@ class Crossings:
         position: Callable[[], Sequence[Any]],
     ) -> None:  # fmt: skip
         self.pixel, self.offset, inside = film.pixel_at(*at)
-        usable = active & inside & dr.all(dr.isfinite(jump))
-        for x in across:
+        usable = active & inside
+        for x in (*jump, *across):
             usable &= dr.isfinite(x)
-        self.jump = dr.select(usable, jump, 0)
+        self.jump = [dr.select(usable, x, 0) for x in jump]
         self.across = [dr.select(usable, x, 0) for x in across]
         self.active, self._position = usable, position
         dr.eval(self.pixel, self.offset, self.jump, self.across, self.active)
@@ -46,7 +47,7 @@ class Crossings:
     def backward(self, film: Film, adjoint: Any) -> None:
         """Adds to the gradients, given the adjoint of the film's sums."""
         adjoints = film.sample_adjoints(adjoint, self.pixel, self.offset)
-        weight = sum(j * a for j, a in zip(self.jump, adjoints, strict=True))
+        weight = sum(j * a for j, a in zip(self.jump, adjoints, strict=False))
         total = sum(dr.detach(weight * a) * x for a, x in zip(self.across, self.moved(), strict=True))
         total = dr.select(self.active, total, 0)
         if dr.grad_enabled(total):
@@ -59,7 +60,8 @@ class Crossings:
         if ends:
             dr.forward_to(ends, flags=dr.ADFlag.ClearEdges | dr.ADFlag.ClearInterior)
         way = -sum(dr.grad(x) * a for a, x in zip(self.across, moved, strict=True))
-        film.add_to_sums(self.pixel, self.offset, [j * way for j in self.jump], self.active)
+        still = [type(way)(0)] * (film.channels - len(self.jump))
+        film.add_to_sums(self.pixel, self.offset, [*(j * way for j in self.jump), *still], self.active)
 
 
 def random_numbers(job: Job, seed: Any, count: int, first: int) -> Independent:

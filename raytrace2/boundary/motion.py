@@ -37,13 +37,14 @@ class Boundary:
                 "the edges of instances have no derivatives: render with visibility_gradients=False, or write the "
                 "shapes of the group out in the scene"
             )
-        if job.traced.materials.has_delta:
+        light = job.of_light
+        if light is not None and job.traced.materials.has_delta:
             warnings.warn(
                 "edges that are seen in mirrors or through glass, and shadows seen through masks, have no derivatives",
                 RuntimeWarning,
                 stacklevel=4,
             )
-        self._job = job
+        self._job, self._light = job, light or job
         self._samples = samples or job.view.film.pixel_count * job.sampler.sample_count
         places = {p for slot in slots for p in slot.places} & set(job.traced.store.with_derivatives())
         surfaces = range(len(geometry.surfaces))
@@ -51,12 +52,12 @@ class Boundary:
         moving = surfaces if everywhere else job.traced.surfaces_of(places)
         lights_move = any(slot.moves and any(slot is x for x in job.traced.lights.slots) for slot in slots)
         self._seen = Curves.of(geometry, moving) if len(moving) else None
-        self._casting = list(self._castings(moving, lights_move)) if casts(job) else []
-        self._gathering = list(self._groups(moving, False)) if gathers(job) else []
+        self._casting = list(self._castings(moving, lights_move)) if light is not None and casts(light) else []
+        self._gathering = list(self._groups(moving, False)) if light is not None and gathers(light) else []
 
     def crossings(self, values: Sequence[Any]) -> Iterator[Crossings]:
         """The points, a pass at a time; ``values`` are what the slots hold."""
-        job, seed = self._job, self._job.seed
+        job, light, seed = self._job, self._light, self._job.seed
         if self._seen is not None:
             seen = self._seen
             with dr.suspend_grad(values):
@@ -66,13 +67,13 @@ class Boundary:
             with dr.suspend_grad(values):
                 casting = Casting(kind, curves, Choice(curves.lengths(), job.traced.types), receives)
             yield from self._passes(
-                values, lambda *which, c=casting, k=k: shadow_edges(job, c, seed + 0x1B873593 + k, *which)
+                values, lambda *which, c=casting, k=k: shadow_edges(light, c, seed + 0x1B873593 + k, *which)
             )
         for k, (curves, receives) in enumerate(self._gathering):
             with dr.suspend_grad(values):
                 gathering = Gathering(curves, Choice(curves.lengths(), job.traced.types), receives)
             yield from self._passes(
-                values, lambda *which, g=gathering, k=k: gathered_edges(job, g, seed + 0x4CF5AD43 + k, *which)
+                values, lambda *which, g=gathering, k=k: gathered_edges(light, g, seed + 0x4CF5AD43 + k, *which)
             )
 
     def _passes(self, values: Sequence[Any], sample: Callable[[int, int, int], Crossings]) -> Iterator[Crossings]:

@@ -41,6 +41,8 @@ CHANNELS: dict[str, tuple[str, ...]] = {
     "accel.primitives": ("N",),
 }
 
+#: Those that count, whose derivatives are zero.
+COUNTED = tuple(kind for kind, suffixes in CHANNELS.items() if suffixes in (("N",), ("I",)))
 #: Those that tell of footprints.
 FOOTPRINTS = ("duv_dx", "duv_dy")
 

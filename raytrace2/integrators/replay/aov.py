@@ -11,13 +11,10 @@ from ...rays.differentials import Differentials
 from ...rays.ray import Ray
 from ...scene.description import Integrator
 from ...scene.traced import TracedScene
-from ..aov import CHANNELS, FOOTPRINTS, aov
+from ..aov import CHANNELS, COUNTED, FOOTPRINTS, aov
 from ..tracing import StructureTracing
 from .memory import Player, Recorder
 from .what import Replay
-
-#: What is counted has derivative zero.
-_COUNTED = ("footprint_flags", "prim_index", "shape_index", "accel.volumes", "accel.nodes", "accel.primitives")
 
 
 def aov_again(
@@ -36,7 +33,7 @@ def aov_again(
     """The values (Float) of every channel of ``settings.aovs`` with derivatives attached, and 0 for those that have
     none: by ``replay.values``, by ``moving`` and its differential, which are ``ray`` and ``differential`` with
     derivatives, and by ``offset_rays``. ``random`` is as for :func:`aov`. ``footprints``: those of footprints too."""
-    still = _COUNTED if footprints else (*_COUNTED, *FOOTPRINTS)
+    still = COUNTED if footprints else (*COUNTED, *FOOTPRINTS)
     smooth = replace(settings, aovs=tuple(one for one in settings.aovs if one[1] not in still))
     with dr.suspend_grad(replay.values):
         recorder = Recorder(StructureTracing(scene), None, differentials)
