@@ -86,14 +86,14 @@ def render(
     ``sensor`` counts the scene's cameras. ``integrator`` is ``"path"``, ``"direct"``, ``"aov:depth,sh_normal"`` (any of
     :data:`~raytrace2.integrators.aov.CHANNELS`), a :class:`~raytrace2.scene.description.Integrator` or None for the
     scene's own; with aovs the colour of the integrator that is nested in them, if one is, comes first and then their
-    channels, which have derivatives as colours do. ``spp`` samples a pixel, 0 for the count in the scene. ``accel``
-    names the structure (``"bvh"``, ``"brute_force"``, options after a colon). ``filter`` (``"bilinear"``, ``"ewa"``,
-    ``"exact"`` ...: see ``rt.filter_names()``; options after a colon) takes the place of the scene's choice, or of
-    every bitmap's own, and ``differentials`` (``"autodiff"``, ``"none"`` ...) say how rays know the footprints that it
-    covers: see :func:`~raytrace2.filtering.plan_filtering`. ``seed`` is a whole number, or a UInt of Dr.Jit.
-    ``precision`` is ``"float32"`` or ``"float64"``; ``size`` (width, height) replaces the film's. ``intersection`` is
-    ``"watertight"``, ``"fast"`` (see ``rt.accel.build``) or None for the scene's own. ``progress`` shows a bar; None
-    shows one on a terminal if there is more than one pass.
+    channels, which have derivatives as colours do (those that count or number have none). ``spp`` samples a pixel, 0
+    for the count in the scene. ``accel`` names the structure (``"bvh"``, ``"brute_force"``, options after a colon).
+    ``filter`` (``"bilinear"``, ``"ewa"``, ``"exact"`` ...: see ``rt.filter_names()``; options after a colon) takes the
+    place of the scene's choice, or of every bitmap's own, and ``differentials`` (``"autodiff"``, ``"none"`` ...) say
+    how rays know the footprints that it covers: see :func:`~raytrace2.filtering.plan_filtering`. ``seed`` is a whole
+    number, or a UInt of Dr.Jit. ``precision`` is ``"float32"`` or ``"float64"``; ``size`` (width, height) replaces the
+    film's. ``intersection`` is ``"watertight"``, ``"fast"`` (see ``rt.accel.build``) or None for the scene's own.
+    ``progress`` shows a bar; None shows one on a terminal if there is more than one pass.
 
     With the scene's ``params`` (:func:`~raytrace2.traverse`; ``precision`` is then theirs unless given) of which some
     carry derivatives, the image is a differentiable function of these, in reverse and in forward mode. Derivatives take

@@ -1,4 +1,8 @@
-"""Derivatives of aovs: what is at the first hit of each ray, met anew with derivatives attached."""
+"""Derivatives of aovs: what is at the first hit of each ray, met anew with derivatives attached.
+
+Of where aovs jump, silhouettes can be told (:mod:`raytrace2.boundary`), for ``shape_index`` too. Not told are seams of
+uv, and edges between faces of a smooth mesh, where ``geo_normal``, ``dp_du`` and ``dp_dv`` jump though colours do not.
+"""
 
 from __future__ import annotations
 
