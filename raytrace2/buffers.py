@@ -11,6 +11,8 @@ import numpy as np
 from .errors import SettingError
 from .types import Types
 
+_ALIGNMENT = 64
+
 
 def owned(array: np.ndarray, dtype: Any) -> Any:
     """A Dr.Jit 1D array of type ``dtype`` that holds a copy of ``array``, flattened.
@@ -21,7 +23,7 @@ def owned(array: np.ndarray, dtype: Any) -> Any:
     """
     if dr.flag(dr.JitFlag.FreezingScope):
         raise SettingError("NumPy arrays cannot be used in a function that is being frozen: make them arguments of it")
-    source = dtype(np.ascontiguousarray(array).ravel())
+    source = dtype(_aligned(array))
     if len(source) == 0:
         return dr.zeros(dtype, 1)
     target = dr.empty(dtype, len(source))
@@ -51,11 +53,21 @@ def apart(value: Any) -> Any:
 
 def aligned_zeros(shape: tuple[int, ...], dtype: Any) -> np.ndarray:
     """NumPy zeros that Dr.Jit can gather packets from where they lie."""
-    alignment = 64
     size = math.prod(shape) * np.dtype(dtype).itemsize
-    memory = np.zeros(size + alignment, np.uint8)
-    start = -memory.ctypes.data % alignment
+    memory = np.zeros(size + _ALIGNMENT, np.uint8)
+    start = -memory.ctypes.data % _ALIGNMENT
     return memory[start : start + size].view(dtype).reshape(shape)
+
+
+def _aligned(array: Any) -> np.ndarray:
+    """``array``, flattened, or a copy: kernels that read NumPy's memory are others where it is not aligned, which it is
+    or is not by chance."""
+    flat = np.ascontiguousarray(array).ravel()
+    if flat.ctypes.data % _ALIGNMENT == 0:
+        return flat
+    copy = aligned_zeros(flat.shape, flat.dtype)
+    copy[:] = flat
+    return copy
 
 
 def owned_rows(table: np.ndarray, order: np.ndarray, types: Types) -> Any:
@@ -64,7 +76,7 @@ def owned_rows(table: np.ndarray, order: np.ndarray, types: Types) -> Any:
     n, columns = len(order), table.shape[1]
     if n == 0:
         return dr.zeros(Float, 1)
-    source, index = Float(np.ascontiguousarray(table).ravel()), UInt(order.astype(np.uint32))
+    source, index = Float(_aligned(table)), UInt(_aligned(order.astype(np.uint32)))
     target = dr.empty(Float, n * columns)
     packet = dr.gather(types.ArrayXf, source, index, shape=(columns, n))
     dr.scatter(target, packet, dr.arange(UInt, n))
