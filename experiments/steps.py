@@ -3,7 +3,8 @@
     python experiments/steps.py [--only WORD ...] [--steps 200] [--long 1000] [-o out/steps.md]
 
 Each case renders an image of a few pixels, takes a gradient and makes a step of Adam, so many times; where steps are
-quick it goes on to the long run. Counted are the kernels that Dr.Jit had to compile, in the first two steps and in all
+quick it goes on to the long run. Counted are the kernels that Dr.Jit had to compile or to
+read from its cache on the disk, in the first two steps and in all
 later ones, the arrays that are alive after a step, and the memory of the process. Cases that are done are resumed as
 long as the program is the same. Exit status 1 if a later step compiled anything.
 """
@@ -42,7 +43,8 @@ HEAD = (
 @dataclass(frozen=True)
 class Case:
     """The parameter ``key`` of the scene with other ``things``, and how it is rendered. ``pyramid``: levels of detail
-    are optimised instead of texels; ``torn``: vertices fly apart besides, so that hierarchies are built anew."""
+    are optimised instead of texels; ``torn``: vertices fly apart besides, so that hierarchies are built anew. ``what``
+    names the other things."""
 
     key: str
     how: dict[str, Any] = field(default_factory=dict)
@@ -50,13 +52,14 @@ class Case:
     rate: float = 1e-3
     pyramid: bool = False
     torn: bool = False
+    what: str = ""
 
     @property
     def words(self) -> tuple[str, str]:
         """The first two columns of the table."""
-        how = [f"{k}={v}" for k, v in self.how.items() if v is not None]
-        more = ["Laplacian pyramid"] * self.pyramid + ["flying apart"] * self.torn
-        return self.key, ", ".join(how + more)
+        how = [f"{k}={v}" for k, v in self.how.items()]
+        more = [self.what] * bool(self.what) + ["Laplacian pyramid"] * self.pyramid + ["flying apart"] * self.torn
+        return self.key, ", ".join(more + how)
 
 
 def image(channels: int = 3) -> dict[str, Any]:
@@ -136,28 +139,28 @@ CASES = (
     Case("box.vertex_texcoords", EWA, textured),
     Case("box.bsdf.reflectance.value"),
     Case("ball.bsdf.alpha.value"),
-    Case("ball.bsdf.eta", things=ball("dielectric")),
+    Case("ball.bsdf.eta", things=ball("dielectric"), what="dielectric"),
     Case("ball.bsdf.nested_texture.data", EWA, ball("bumpmap", t=True, n={"type": "diffuse"})),
     Case("ball.bsdf.scale", EWA, ball("bumpmap", t=True, n={"type": "diffuse"})),
     Case("ball.bsdf.normalmap.data", EWA, relief),
     Case("ball.bsdf.opacity.value", things=ball("mask", opacity=0.5, n={"type": "diffuse"})),
     Case("lamp.intensity.value"),
     Case("lamp.position"),
-    Case("lamp.emitter.radiance.value", things=lamp("rectangle")),
-    Case("lamp.data", things=lamp("envmap")),
-    Case("lamp.data", EWA, lamp("envmap")),
+    Case("lamp.emitter.radiance.value", things=lamp("rectangle"), what="rectangle"),
+    Case("lamp.data", things=lamp("envmap"), what="sky"),
+    Case("lamp.data", EWA, lamp("envmap"), what="sky"),
     *(Case("ball.to_world", how) for how in ({}, EWA, EDGES)),
     *(Case("floor.to_world", how) for how in (EWA, {"filter": "exact"}, EDGES)),
-    Case("box.to_world", EWA, instance),
+    Case("box.to_world", EWA, instance, what="instance"),
     *(Case("sensor.to_world", how) for how in ({}, EWA, {"filter": "exact"}, EDGES)),
     Case("sensor.x_fov", rate=0.01),
     *(Case("box.vertex_positions", how) for how in ({}, EWA, EDGES)),
     Case("box.vertex_positions", {"accel": "kdtree"}),
     Case("box.vertex_positions", {}, sheet, torn=True),
     Case("box.vertex_positions", EDGES, sheet, torn=True),
-    *(Case("lamp.to_world", how, lamp("rectangle")) for how in ({}, EDGES)),
-    *(Case("lamp.to_world", how, lamp("sphere")) for how in ({}, EDGES)),
-    *(Case("lamp.vertex_positions", how, lamp("cube")) for how in ({}, EDGES)),
+    *(Case("lamp.to_world", how, lamp("rectangle"), what="rectangle") for how in ({}, EDGES)),
+    *(Case("lamp.to_world", how, lamp("sphere"), what="sphere") for how in ({}, EDGES)),
+    *(Case("lamp.vertex_positions", how, lamp("cube"), what="light") for how in ({}, EDGES)),
 )
 
 
@@ -178,7 +181,7 @@ def main() -> int:
         if name not in done:
             done[name] = measured(case, options.steps, options.long)
             save_json(stored, {"version": version, "rows": done})
-    rows = [[*(f"`{w}`" if w else "" for w in case.words), *done[" ".join(case.words)]] for case in cases]
+    rows = [[f"`{case.key}`", case.words[1], *done[" ".join(case.words)]] for case in cases]
     table = markdown_table(HEAD, rows)
     save_text(options.out, f"# Steps of an optimisation: what is compiled and what is kept\n\n{table}")
     print(table)
@@ -198,7 +201,9 @@ def measured(case: Case, steps: int, long: int) -> list[Any]:
                 started = time.perf_counter()
             step(number)
             dr.sync_thread()
-            compiled[number >= 2] += sum(not k["cache_hit"] for k in dr.kernel_history([dr.KernelType.JIT]))
+            compiled[number >= 2] += sum(
+                not k["cache_hit"] or k["cache_disk"] for k in dr.kernel_history([dr.KernelType.JIT])
+            )
             if number in (9, steps - 1):
                 arrays.append(len(dr.whos(as_string=True).splitlines()))
             if number == 99:
@@ -222,12 +227,14 @@ def stepper(case: Case) -> Callable[[int], None]:
     start = {"x": latent.start}
     pyramid = rt.LaplacianPyramid(params[case.key]) if case.pyramid else None
     optimizer = dr.opt.Adam(lr=case.rate, params=start if pyramid is None else pyramid.levels)
-    apart = np.random.default_rng(2).normal(size=latent.start.shape) if case.torn else None
+    apart = 0.01 * np.random.default_rng(2).normal(size=latent.start.shape) if case.torn else None
+    motion = None if apart is None else type(latent.start)(apart.astype(np.float32))
+    dr.make_opaque(motion)
 
     def step(number: int) -> None:
         value = latent.value(optimizer["x"]) if pyramid is None else pyramid.texture(optimizer)
-        if apart is not None:
-            value = value + type(value)((0.01 * (number % 100) * apart).astype(np.float32))
+        if motion is not None:
+            value = value + motion * dr.opaque(type(motion), number % 100)
         params[case.key] = value
         params.update()
         found = rt.render(scene, params, seed=number, size=(6, 5), **case.how)
