@@ -35,8 +35,8 @@ import gradient_scenes as scenes
 QUICK = 0.03
 FLOOR = "floor.bsdf.reflectance.data"
 HEAD = (
-    "parameter", "with", "kernels, steps 1 and 2", "compiled later", "arrays at step 10", "at the end", "MB at step 100",
-    "at the end", "steps", "ms a step",
+    "parameter", "with", "kernels, steps 1 and 2", "compiled later", "arrays at step 10", "at the end",
+    "MB at step 100", "at the end", "steps", "ms a step",
 )  # fmt: skip
 
 
