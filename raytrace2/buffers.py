@@ -33,7 +33,7 @@ def owned(array: np.ndarray, dtype: Any) -> Any:
 
 
 def apart(value: Any) -> Any:
-    """``value``, any Dr.Jit array, with its derivatives, in memory of its own.
+    """``value``, any Dr.Jit array of floats, with its derivatives, in memory of its own once it is evaluated.
 
     Dr.Jit shares the memory of tensors of other frameworks and of NumPy, into which these write: optimisers do.
     """
@@ -45,10 +45,10 @@ def apart(value: Any) -> Any:
         return type(value)(*([x for row in rows for x in row] if dr.is_matrix_v(value) else rows))
     if value.state != dr.VarState.Evaluated:
         return value
-    width = dr.width(value)
-    own = dr.empty(type(value), width)
-    dr.scatter(own, dr.detach(value), dr.arange(dr.uint32_array_t(type(value)), width))
-    return dr.replace_grad(own, value)
+    # Bits that a kernel reads and writes, for it knows of no copy: several times quicker than to scatter.
+    Bits = dr.uint_array_t(type(value))
+    bits = dr.reinterpret_array(Bits, dr.detach(value)) ^ dr.opaque(Bits, 0)
+    return dr.replace_grad(dr.reinterpret_array(type(value), bits), value)
 
 
 def aligned_zeros(shape: tuple[int, ...], dtype: Any) -> np.ndarray:
