@@ -14,8 +14,8 @@ from raytrace2.exr import write_exr
 
 SIZE = 16
 VIEW = f"""<sensor type="perspective"><float name="fov" value="45"/><transform name="to_world">
-    <lookat origin="0.5,-3,1" target="0,0,-0.2" up="0,0,1"/></transform><film type="hdrfilm">
-    <integer name="width" value="{SIZE}"/><integer name="height" value="{SIZE}"/><rfilter type="box"/></film></sensor>"""
+    <lookat origin="0.5,-3,1" target="0,0,-0.2" up="0,0,1"/></transform><film type="hdrfilm"><rfilter type="box"/>
+    <integer name="width" value="{SIZE}"/><integer name="height" value="{SIZE}"/></film></sensor>"""
 ROUGH = '<bsdf type="roughconductor"><float name="alpha" value="0.3"/></bsdf>'
 FLOOR = '<shape type="rectangle" id="floor"><transform name="to_world"><scale value="4"/></transform>{}</shape>'
 BALL = """<shape type="sphere" id="ball"><transform name="to_world"><scale value="0.6"/>
@@ -27,11 +27,15 @@ LAMP = f"""<shape type="rectangle" id="lamp"><transform name="to_world"><scale v
     <lookat origin="0.5,-0.3,3" target="0,0,0" up="0,1,0"/></transform>{GLOW}</shape>"""
 BULB = f"""<shape type="sphere" id="lamp"><transform name="to_world"><scale value="0.7"/>
     <translate x="0.8" y="-0.5" z="2.6"/></transform>{GLOW}</shape>"""
+WALLS = """<shape type="cube"><boolean name="face_normals" value="true"/><transform name="to_world">
+    <scale value="3.1"/><translate z="3.1"/></transform><bsdf type="twosided"><bsdf type="diffuse">
+    <rgb name="reflectance" value="0.8"/></bsdf></bsdf></shape>"""
 SKY = '<emitter type="constant"/>'
 SCENES = {
     "sky": FLOOR.format("") + BALL.format("") + SKY,
     "shiny": FLOOR.format(ROUGH) + BALL.format("") + SKY,
     "lamp": FLOOR.format("") + CARD + LAMP,
+    "room": WALLS + CARD.replace("0.4", "0.8") + LAMP,
     "bulb": FLOOR.format("") + CARD + BULB,
 }
 TURN = np.array([[0, 0, 0.8], [0, 0, -0.6], [-0.8, 0.6, 0]])
@@ -99,11 +103,13 @@ def compare(scene: rt.Scene, shape: str, how: str, step: float = 0.01, seeds: in
         ("bulb", "lights", "lamp", "x"),
         ("bulb", "path", "floor", "z"),
         ("spot", "path", "floor", "turn"),
+        ("room", "long paths", "card", "grow"),
     ],
 )
 def test_edges_of_shadows(name: str, integrator: str, shape: str, how: str, tmp_path: Any) -> None:
     kinds = {
         "path": '<integrator type="path"><integer name="max_depth" value="2"/></integrator>',
+        "long paths": '<integrator type="path"><integer name="max_depth" value="4"/></integrator>',
         "direct": '<integrator type="direct"/>',
         "lights": '<integrator type="direct"><integer name="bsdf_samples" value="0"/></integrator>',
         "few lights": """<integrator type="direct"><integer name="emitter_samples" value="1"/>
