@@ -7,6 +7,7 @@ then independent of the image's, and an error that is squared has gradients with
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +16,7 @@ import drjit as dr
 from .boundary.motion import Boundary
 from .errors import SettingError
 from .fixed_order import ordered
-from .integrators.replay import LONGEST, Replay, direct_again, path_backward, path_forward
+from .integrators.replay import LONGEST, Replay, aov_again, direct_again, path_backward, path_forward
 from .job import Job
 from .live import Slot, bound
 from .parameters.fields import converted
@@ -23,6 +24,7 @@ from .private_sums import private_sums
 from .rays.differentials import Differentials, RayDifferential, make_differentials
 from .rays.ray import Ray
 from .rays.wavefront import Wavefront
+from .scene.description import Integrator
 
 #: Differentials whose footprints the formulas of ``analytic`` have the derivatives of.
 _SAME_FOOTPRINTS = ("analytic", "autodiff", "autodiff2")
@@ -40,12 +42,10 @@ def differentiable(
         # Of what this image does not depend on, such as another camera, the derivative is zero.
         unseen = [store.entries[place].value for place in store.with_derivatives()]
         return dr.custom(_Nothing, image, unseen) if unseen else image
-    if job.settings.kind == "aov":
-        raise SettingError("aovs have no derivatives: render with integrator='path' or 'direct', or detach the params")
     moves = any(slot.moves for slot in slots)
     through = _footprints(job) if moves and footprints else None
     boundary = Boundary(job, slots, 0 if visibility is True else visibility) if moves and visibility else None
-    how = _How(job, slots, moves, through, boundary)
+    how = _How(job, slots, moves, footprints, through, boundary)
     if not deterministic:
         return dr.custom(_Render, values, image, how)
     places, present = store.with_derivatives(), {place: entry.value for place, entry in store.entries.items()}
@@ -65,16 +65,18 @@ def unlike(seed: Any) -> Any:
 
 
 class _How:
-    """The samples by which to differentiate, what by, whether rays move with it, what footprints move by, and the
-    edges that move.
+    """The samples by which to differentiate, what by, whether rays move with it, whether footprints do and what by,
+    and the edges that move.
 
     No dataclass: Dr.Jit would take it for a PyTree, and give the operation a copy of everything below it.
     """
 
     def __init__(
-        self, job: Job, slots: list[Slot], moves: bool, through: Differentials | None, boundary: Boundary | None
-    ) -> None:
-        self.job, self.slots, self.moves, self.through, self.boundary = job, slots, moves, through, boundary
+        self, job: Job, slots: list[Slot], moves: bool, footprints: bool, through: Differentials | None,
+        boundary: Boundary | None,
+    ) -> None:  # fmt: skip
+        self.job, self.slots, self.moves, self.boundary = job, slots, moves, boundary
+        self.footprints, self.through = footprints, through
         #: The scene may change before derivatives are asked for.
         self.moment = job.traced.now()
 
@@ -121,6 +123,7 @@ class _Moving:
     job: Job
     slots: list[Slot]
     replay: Replay
+    footprints: bool
     boundary: Boundary | None
 
     @staticmethod
@@ -130,7 +133,8 @@ class _Moving:
         if tangents is not None:
             dr.set_grad(copies, tangents)
         how.job.view.film.clear()
-        return _Moving(how.job, how.slots, Replay(copies, how.moves, how.through), how.boundary)
+        replay = Replay(copies, how.moves, how.through, how.boundary is not None)
+        return _Moving(how.job, how.slots, replay, how.footprints, how.boundary)
 
     def value_adjoints(self, image: Any) -> list[Any]:
         """The adjoint of each value, given that of the image."""
@@ -159,70 +163,92 @@ class _Moving:
         with bound(self.slots, self.replay.values):
             for wavefront in job.passes:
                 offset, change = self._pass_forward(wavefront)
-                film.add(wavefront, offset, list(dr.detach(change)))
+                film.add(wavefront, offset, dr.detach(change))
             if self.boundary is not None:
                 for crossings in self.boundary.crossings(self.replay.values):
                     crossings.forward(film)
         return film.develop()
 
     def _pass_backward(self, wavefront: Wavefront, adjoint: Any) -> Any:
-        job, replay = self.job, self.replay
+        job, replay, radiance = self.job, self.replay, self.job.radiance
         view, t = job.view, job.traced.types
         with dr.suspend_grad(replay.values):
             offset, position, aperture = job.begin(wavefront)
             ray, differential = view.differentials.start(view.camera, position, aperture)
-            given = t.Array3f(*view.film.sample_adjoints(adjoint, wavefront, offset))
-        longer = None
-        if job.settings.kind == "path":
+            random = job.texel_random(job.sampler)
+            given = view.film.sample_adjoints(adjoint, wavefront, offset)
+        longer, terms = None, []
+        if radiance is not None and radiance.kind == "path":
+            light, given = t.Array3f(*given[:3]), given[3:]
             following, longer = path_backward(
-                job.traced, job.settings, job.sampler, ray, given, replay, view.differentials, differential
+                job.traced, radiance, job.sampler, ray, light, replay, view.differentials, differential
             )
-            if not replay.moves:
-                return longer
-            moving, moving_differential = self._start(position, aperture)
-            # Those of the throughput, the origin of the way to the camera and its density go no further.
-            parts = [moving.o, moving.d, *_parts(moving_differential)]
-            total = _sum([dr.dot(a, x) for a, x in zip([*following[1:3], *following[5:]], parts, strict=True)])
-        else:
-            moving, moving_differential = self._start(position, aperture)
-            found = direct_again(
-                job.traced, job.settings, job.sampler, ray, moving, replay, view.differentials, differential,
-                moving_differential,
-            )  # fmt: skip
-            total = dr.dot(given, found)
+            if replay.moves:
+                moving, moving_differential = self._start(position, aperture)
+                # Those of the throughput, the origin of the way to the camera and its density go no further.
+                parts = [moving.o, moving.d, *_parts(moving_differential)]
+                terms = [dr.dot(a, x) for a, x in zip([*following[1:3], *following[5:]], parts, strict=True)]
+        values = self._values(radiance, ray, differential, position, aperture, random)
+        terms += [a * x for a, x in zip(given, values, strict=True)]
+        total = _sum(terms) if terms else t.Float(0)
         if dr.grad_enabled(total):
             dr.backward_from(total)
         return longer
 
-    def _pass_forward(self, wavefront: Wavefront) -> tuple[Any, Any]:
-        job, replay = self.job, self.replay
+    def _pass_forward(self, wavefront: Wavefront) -> tuple[Any, list[Any]]:
+        job, replay, radiance = self.job, self.replay, self.job.radiance
         view = job.view
         with dr.suspend_grad(replay.values):
             offset, position, aperture = job.begin(wavefront)
             ray, differential = view.differentials.start(view.camera, position, aperture)
-        moving, moving_differential = self._start(position, aperture)
-        if job.settings.kind == "path":
+            random = job.texel_random(job.sampler)
+        change: list[Any] = []
+        if radiance is not None and radiance.kind == "path":
+            moving, moving_differential = self._start(position, aperture)
             tangents = _tangents([moving.o, moving.d, *_parts(moving_differential)])
-            change = path_forward(
-                job.traced, job.settings, job.sampler, ray, tangents, replay, view.differentials, differential
+            light = path_forward(
+                job.traced, radiance, job.sampler, ray, tangents, replay, view.differentials, differential
             )
-        else:
-            found = direct_again(
-                job.traced, job.settings, job.sampler, ray, moving, replay, view.differentials, differential,
+            change = list(light)
+        return offset, change + _tangents(self._values(radiance, ray, differential, position, aperture, random))
+
+    def _values(
+        self, radiance: Integrator | None, ray: Ray, differential: Any, position: Any, aperture: Any, random: Any
+    ) -> list[Any]:
+        """The values of one sample a lane, with derivatives: the colour, unless paths are replayed, and aovs."""
+        job, replay, differentials = self.job, self.replay, self.job.view.differentials
+        found: list[Any] = []
+        if job.settings.kind == "path":
+            return found
+        moving, moving_differential = self._start(position, aperture)
+        if radiance is not None and radiance.kind == "direct":
+            light = direct_again(
+                job.traced, radiance, job.sampler, ray, moving, replay, differentials, differential,
                 moving_differential,
             )  # fmt: skip
-            (change,) = _tangents([found])
-        return offset, change
+            found = list(light)
+        if job.settings.kind == "aov":
+            offsets = None if differential is not None else self._from_camera(job.offset_rays, position, aperture)
+            found += aov_again(
+                job.traced, job.settings, ray, moving, offsets, replay, differentials, differential,
+                moving_differential, random, self.footprints,
+            )  # fmt: skip
+        return found
 
     def _start(self, position: Any, aperture: Any) -> tuple[Ray, RayDifferential | None]:
         """The camera's rays, with derivatives if the camera has them."""
-        camera, slots = self.job.view.camera, self.job.camera_slots
+        camera = self.job.view.camera
+        if self.replay.through is None:
+            return self._from_camera(camera.sample_ray, position, aperture), None
+        ray, right, down = self._from_camera(camera.sample_ray_differential, position, aperture, self.job.view.step)
+        return ray, RayDifferential.full(ray.o, *right, *down)
+
+    def _from_camera(self, ask: Callable[..., Any], position: Any, *more: Any) -> Any:
+        """What the camera answers to ``ask(position, *more)``."""
+        slots = self.job.camera_slots
         first = dr.zeros(self.job.traced.types.UInt, dr.width(position))
         with bound(slots, [_gathered(slot.value, first) for slot in slots]):
-            if self.replay.through is None:
-                return camera.sample_ray(position, aperture), None
-            ray, right, down = camera.sample_ray_differential(position, aperture, self.job.view.step)
-            return ray, RayDifferential.full(ray.o, *right, *down)
+            return ask(position, *more)
 
 
 def _gathered(values: Any, index: Any) -> Any:

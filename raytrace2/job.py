@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
 
 from .film import Film
 from .filtering import Filtering, plan_filtering
-from .integrators.aov import aov, channel_names, needs_offset_rays
+from .integrators.aov import CHANNELS, COUNTED, aov, channel_names, needs_offset_rays
 from .integrators.direct import direct
 from .integrators.path import path
 from .live import Slot
@@ -87,7 +87,9 @@ class Job:
         names = [] if settings.kind == "aov" and settings.nested is None else ["R", "G", "B"]
         names += channel_names(settings)
         check_work(filtering.film, len(names), sampler.sample_count, c.max_lanes)
-        film = Film(filtering.film, traced.types, len(names))
+        # Aovs that no colour comes before are not colours.
+        desc = filtering.film if names[:3] == ["R", "G", "B"] else replace(filtering.film, pixel_format="rgb")
+        film = Film(desc, traced.types, len(names))
         passes = split_passes(film.pixel_count, sampler.sample_count, c.max_lanes)
         view = View(camera, film, filtering, sampler.sample_count)
         return Job(traced, held, settings, filtering, view, sampler, c.seed, passes, names)
@@ -100,6 +102,23 @@ class Job:
         pairs = [*zip(traced.slots, traced.live_values(), strict=True), *of_camera]
         found = [(slot, value) for slot, value in pairs if dr.grad_enabled(value)]
         return [slot for slot, _ in found], [value for _, value in found]
+
+    @property
+    def radiance(self) -> Integrator | None:
+        """The integrator of light, whose colour comes first; None where there are aovs alone."""
+        return self.settings.nested if self.settings.kind == "aov" else self.settings
+
+    @property
+    def of_light(self) -> Job | None:
+        """The same without aovs; None where there is nothing else."""
+        return None if self.radiance is None else replace(self, settings=self.radiance)
+
+    @property
+    def ends_at_edges(self) -> list[bool]:
+        """For each of the ``names``, whether it jumps where surfaces end, rather than anywhere."""
+        colours = [True] * (0 if self.radiance is None else 3)
+        anywhere = set(COUNTED) - {"shape_index"}
+        return colours + [kind not in anywhere for _, kind in self.settings.aovs for _ in CHANNELS[kind]]
 
     @property
     def channels(self) -> list[str]:
@@ -122,28 +141,32 @@ class Job:
     def render_pass(self, wavefront: Wavefront) -> None:
         """Adds the samples of a pass to the film."""
         offset, position, aperture = self.begin(wavefront)
-        self.view.film.add(wavefront, offset, self._values(position, aperture))
+        self.view.film.add(wavefront, offset, self.values(self.sampler, position, aperture))
         if not dr.flag(dr.JitFlag.FreezingScope):
             dr.sync_thread()
 
-    def _values(self, position: Any, aperture: Any) -> list[Any]:
-        """The values of one sample a lane: colour, then aovs."""
-        settings, view = self.settings, self.view
-        radiance = settings if settings.kind != "aov" else settings.nested
+    def values(self, sampler: Any, position: Any, aperture: Any, active: Any = True) -> list[Any]:
+        """The values of one sample a lane, in the order of ``names``: colour, then aovs."""
+        settings, view, radiance = self.settings, self.view, self.radiance
         ray, differential = view.differentials.start(view.camera, position, aperture)
         how: dict[str, Any] = {"differentials": view.differentials, "differential": differential}
+        random = self.texel_random(sampler)
         values: list[Any] = []
         if radiance is not None:
-            values.extend(RADIANCE[radiance.kind](self.traced, radiance, self.sampler, ray, **how))
+            values.extend(RADIANCE[radiance.kind](self.traced, radiance, sampler, ray, active, **how))
         if settings.kind == "aov":
-            needed = differential is None and needs_offset_rays(settings)
-            offsets = _offset_rays(view, position, aperture) if needed else None
-            values = [*values, *aov(self.traced, settings, ray, offsets, **how)]
+            offsets = None if differential is not None else self.offset_rays(position, aperture)
+            values = [*values, *aov(self.traced, settings, ray, offsets, active, random=random, **how)]
         return values
 
+    def texel_random(self, sampler: Any) -> Any:
+        """Random numbers (Array2f) with which aovs look up textures; None where they need none."""
+        return sampler.next_2d() if self.settings.kind == "aov" and self.traced.draws_texels else None
 
-def _offset_rays(view: View, position: Any, aperture: Any) -> tuple[Ray, Ray]:
-    """Rays towards the next sample to the right and down."""
-    step = type(position)
-    right, down = step(view.step[0], 0), step(0, view.step[1])
-    return view.camera.sample_ray(position + right, aperture), view.camera.sample_ray(position + down, aperture)
+    def offset_rays(self, position: Any, aperture: Any) -> tuple[Ray, Ray] | None:
+        """Rays towards the next sample to the right and down, where aovs need them."""
+        if not needs_offset_rays(self.settings):
+            return None
+        step, camera = self.view.step, self.view.camera
+        right, down = type(position)(step[0], 0), type(position)(0, step[1])
+        return camera.sample_ray(position + right, aperture), camera.sample_ray(position + down, aperture)

@@ -13,6 +13,7 @@ import drjit as dr
 from .arguments import whole_number
 from .differentiable import differentiable, unlike
 from .errors import SettingError
+from .integrators.aov import parse_aovs
 from .job import RADIANCE, Choices, Job
 from .parameters.scene_parameters import SceneParameters
 from .render_arguments import (
@@ -82,16 +83,17 @@ def render(
 ) -> Any:
     """Renders ``scene`` and returns its image, TensorXf (height, width, channels), linear, as ``mi.render`` does.
 
-    ``sensor`` counts the scene's cameras. ``integrator`` is ``"path"``, ``"direct"``, a
-    :class:`description.Integrator` or None for the scene's own; with aovs the colour comes first and then their
-    channels. ``spp`` samples a pixel, 0 for the count in the scene. ``accel`` names the structure (``"bvh"``,
-    ``"brute_force"``, options after a colon). ``filter`` (``"bilinear"``, ``"ewa"``, ``"exact"`` ...: see
-    ``rt.filter_names()``; options after a colon) takes the place of the scene's choice, or of every bitmap's own, and
-    ``differentials`` (``"autodiff"``, ``"none"`` ...) say how rays know the footprints that it covers: see
-    :func:`~raytrace2.filtering.plan_filtering`. ``seed`` is a whole number, or a UInt of Dr.Jit. ``precision`` is
-    ``"float32"`` or ``"float64"``; ``size`` (width, height) replaces the film's. ``intersection`` is ``"watertight"``,
-    ``"fast"`` (see ``rt.accel.build``) or None for the scene's own. ``progress`` shows a bar; None shows one on a
-    terminal if there is more than one pass.
+    ``sensor`` counts the scene's cameras. ``integrator`` is ``"path"``, ``"direct"``, ``"aov:depth,sh_normal"`` (any of
+    :data:`~raytrace2.integrators.aov.CHANNELS`), a :class:`~raytrace2.scene.description.Integrator` or None for the
+    scene's own; with aovs the colour of the integrator that is nested in them, if one is, comes first and then their
+    channels, which have derivatives as colours do (those that count or number have none). ``spp`` samples a pixel, 0
+    for the count in the scene. ``accel`` names the structure (``"bvh"``, ``"brute_force"``, options after a colon).
+    ``filter`` (``"bilinear"``, ``"ewa"``, ``"exact"`` ...: see ``rt.filter_names()``; options after a colon) takes the
+    place of the scene's choice, or of every bitmap's own, and ``differentials`` (``"autodiff"``, ``"none"`` ...) say
+    how rays know the footprints that it covers: see :func:`~raytrace2.filtering.plan_filtering`. ``seed`` is a whole
+    number, or a UInt of Dr.Jit. ``precision`` is ``"float32"`` or ``"float64"``; ``size`` (width, height) replaces the
+    film's. ``intersection`` is ``"watertight"``, ``"fast"`` (see ``rt.accel.build``) or None for the scene's own.
+    ``progress`` shows a bar; None shows one on a terminal if there is more than one pass.
 
     With the scene's ``params`` (:func:`~raytrace2.traverse`; ``precision`` is then theirs unless given) of which some
     carry derivatives, the image is a differentiable function of these, in reverse and in forward mode. Derivatives take
@@ -100,7 +102,8 @@ def render(
     surfaces and shadows: that edges move is not seen, but for ``visibility_gradients``, which costs: True takes as many
     points of moving edges as there are samples, a number so many (see :mod:`raytrace2.boundary`).
     ``footprint_gradients``: footprints of texture filters depend on the camera and on surfaces; without, they count as
-    constant. ``deterministic``: gradients, too, are the same to the bit from run to run; on one thread.
+    constant, as how they change from pixel to pixel (``"autodiff2"``) always does. ``deterministic``: gradients, too,
+    are the same to the bit from run to run; on one thread.
 
     It may be part of a function that Dr.Jit freezes (``dr.freeze``) and that has ``scene`` or ``params`` and the seed
     among its arguments, if the same render was done once before; samples that are not finite are then left out without
@@ -246,10 +249,11 @@ def choose_integrator(scene: Scene, integrator: Integrator | str | None) -> Inte
     if integrator is None:
         return scene.description.integrator
     if isinstance(integrator, str):
+        kind, _, listed = integrator.partition(":")
+        if kind == "aov":
+            return Integrator("aov", aovs=parse_aovs(listed))
         if integrator not in RADIANCE:
-            raise SettingError(
-                f"unknown integrator {integrator!r}: there are {', '.join(RADIANCE)} (aov needs settings)"
-            )
+            raise SettingError(f"unknown integrator {integrator!r}: there are {', '.join(RADIANCE)} and aov:KIND,KIND")
         return Integrator(kind=integrator)  # type: ignore[arg-type]
     return integrator
 

@@ -22,7 +22,7 @@ LAYERS = (
     ("_llvm",),
     ("types",),
     ("files", "exr_header", "exr", "image_io"),
-    ("packets", "buffers", "warp", "live", "reachable", "fixed_order", "private_sums"),
+    ("packets", "buffers", "warp", "chances", "live", "reachable", "fixed_order", "private_sums"),
     ("scene",),  # the description and its readers
     ("rays.ray",),
     ("surfaces",),

@@ -177,11 +177,10 @@ def _boxes_from_below(primitives: Any, topology: Topology, rows: _Rows) -> tuple
         return dr.full(Float, dr.inf, WORDS), (0.0, float(len(topology.order)))
     leaves = dr.width(rows.leaf_references)
     total = leaves + len(topology.references) + 1
-    table = _leaf_boxes(primitives, rows.leaf_references, types)
-    parts = [table]
+    table = dr.full(Float, dr.inf, total * WORDS)
+    of_leaves = _leaf_boxes(primitives, rows.leaf_references, table, types)
     # A level reads the leaves and the level below, which is all that its children can be.
     below, begin = dr.full(Float, dr.inf, WORDS), total - 1
-    levels = []
     for index in reversed(rows.of_levels):
         n = dr.width(index) // width
         node = dr.arange(UInt, n)
@@ -190,23 +189,22 @@ def _boxes_from_below(primitives: Any, topology: Topology, rows: _Rows) -> tuple
         for slot in range(width):
             row = dr.gather(UInt, index, node * width + slot)
             is_leaf = row < limit
-            mine = load(types, table, dr.select(is_leaf, row, 0))
+            mine = load(types, of_leaves, dr.select(is_leaf, row, 0))
             theirs = load(types, below, dr.select(is_leaf | (row < first), 0, row - first))
             exists = row != absent
             chosen = [dr.select(is_leaf, a, b) for a, b in zip(mine[:6], theirs[:6], strict=True)]
             box = union(box, chosen, exists)
+        begin -= n
         below = dr.empty(Float, n * WORDS)
         store(types, below, node, box)
+        store(types, table, node + dr.opaque(UInt, begin), box)
         dr.eval(below)
-        begin -= n
-        levels.append(below)
-    parts += [*reversed(levels), dr.full(Float, dr.inf, WORDS)]
-    table = dr.concat(parts)
     dr.eval(table)
     return table, _expected(table, rows, leaves)
 
 
-def _leaf_boxes(primitives: Any, references: Any, types: Types) -> Any:
+def _leaf_boxes(primitives: Any, references: Any, table: Any, types: Types) -> Any:
+    """Packets of the leaves' boxes, which are also written to the beginning of ``table``."""
     n = dr.width(references)
     first, count = references & FIRST_MASK, (references >> COUNT_SHIFT) & COUNT_MASK
 
@@ -216,7 +214,8 @@ def _leaf_boxes(primitives: Any, references: Any, types: Types) -> Any:
     state = (dr.zeros(types.UInt, n), empty(types, n))
     box = dr.while_loop(state, lambda k, _: k < count, add, label="leaf boxes")[1]
     target = dr.empty(types.Float, n * WORDS)
-    store(types, target, dr.arange(types.UInt, n), box)
+    for buffer in (target, table):
+        store(types, buffer, dr.arange(types.UInt, n), box)
     dr.eval(target)
     return target
 

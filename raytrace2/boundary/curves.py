@@ -14,6 +14,7 @@ from ..buffers import owned
 from ..surfaces.geometry import Geometry
 from ..surfaces.mesh import TriangleMesh
 from ..surfaces.quadrics import Cylinder, Disk, Quadric, Rectangle, Sphere
+from ..surfaces.record import NONE
 from ..surfaces.shading import Rows
 from .mesh_edges import NO_VERTEX, mesh_edges, welded
 from .round_curves import CODES, Eye, round_curve
@@ -96,6 +97,13 @@ class Curves:
         if self._shares is None:
             return self.types.Float(1)
         return dr.gather(self.types.Float, self._shares, index, active)
+
+    def outlined(self, index: Any, active: Any = True) -> Any:
+        """The surface (UInt) of which curve ``index`` is an outline, which none of its own points sees; or NONE."""
+        if not any(code >= CODES["outline"] for code in self._codes):
+            return self.types.UInt(NONE)
+        words = dr.gather(self.types.Array4u, self._words, index, active)
+        return dr.select((index >= self._edges) & (words.y >= CODES["outline"]), words.x, NONE)
 
     def straight(self, index: Any) -> Any:
         """Bool: whether curve ``index`` is an edge of a mesh."""

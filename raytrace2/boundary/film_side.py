@@ -31,6 +31,12 @@ def steps(film: Film, across: tuple[Any, Any]) -> tuple[Any, Any]:
     )
 
 
+def pixels(film: Film, position: tuple[Any, Any]) -> tuple[Any, Any]:
+    """A film position (two Floats) in pixels."""
+    Float = type(position[0])
+    return position[0] * dr.opaque(Float, film.width), position[1] * dr.opaque(Float, film.height)
+
+
 def lateral(view: FilmMap, step: tuple[Any, Any], depth: Any) -> Any:
     """How a point seen at ``depth`` moves beside the rays where its film position moves by ``step``."""
     return (view.du * step[0] + view.dv * step[1]) * depth

@@ -9,6 +9,7 @@ from typing import Any
 import drjit as dr
 
 from .. import warp
+from ..integrators.emission import power_heuristic
 from ..lights.area import AreaLights
 from ..lights.area_sphere import SphereLights
 from ..lights.point import PointLights
@@ -57,25 +58,42 @@ class LightKind:
         sample = self.scene.lights.sample(nowhere, self._chosen(u), t.Bool(True))
         return Eye(sample.d if self.parallel else sample.p, self.parallel)
 
-    def light(self, si: Any, u: Any, material: Any, active: Any) -> Any:
-        """What that point brings to the surface ``si`` and on along ``si.wi`` (Array3f), over the density of ``u``: an
-        integral over it is direct light."""
+    def rounded(self, u: Any) -> Any:
+        """Which light (UInt) the point ``u`` is on if it is a sphere, whose outline hides none of what is sampled of
+        it; None for others."""
+        return None if self.spheres is None else self.first + self._on_sphere(u)[2]
+
+    def eye_for(self, u: Any, eye: Eye, p: Any, active: Any) -> Eye:
+        """``eye``, the one for ``u``, as sampling lights from ``p`` (Array3f) moves it: by what the light does, and
+        with ``p`` where the light's points are chosen by how they are seen from there."""
+        if self.spheres is None:
+            return self.eye(u)
+        _, _, index, _ = self._on_sphere(u)
+        same = dr.detach(self.spheres.inverse(p, index, eye.at, active))
+        moved = self.spheres.sample(p, index, same, active).p
+        return Eye(dr.replace_grad(eye.at, moved), False)
+
+    def light(self, si: Any, u: Any, material: Any, share: Any, active: Any) -> Any:
+        """What that point brings to the surface ``si`` and on along ``si.wi`` (Array3f) as far as lights are sampled
+        for it, over the density of ``u``: an integral over it is that part of direct light. Of materials, ``share``
+        times as many samples are taken as of lights."""
         scene, t = self.scene, self.scene.types
         materials, structure = scene.materials, scene.structure
         lit = active & materials.has_smooth(material, active)
         if self.spheres is None:
             light = scene.lights.sample(si.p, self._chosen(u), lit)
             lit &= light.pdf > 0
-            value, _ = materials.eval_pdf(si, material, si.to_local(light.d), lit)
+            value, bsdf_pdf = materials.eval_pdf(si, material, si.to_local(light.d), lit)
             lit &= dr.max(value) > 0
             lit &= ~structure.occluded(si.spawn_ray_to(light.p), lit)
-            return dr.select(lit, value * light.weight, 0) * self.share
+            weight = dr.select(light.delta, 1, power_heuristic(light.pdf, bsdf_pdf * share))
+            return dr.select(lit, value * light.weight * weight, 0) * self.share
         center, radius, index, way = self._on_sphere(u)
         target = dr.fma(way, radius, center)
         offset = target - si.p
         distance = dr.norm(offset)
         d = offset / dr.select(distance > 0, distance, 1)
-        value, _ = materials.eval_pdf(si, material, si.to_local(d), lit)
+        value, bsdf_pdf = materials.eval_pdf(si, material, si.to_local(d), lit)
         ray = si.spawn_ray(d)
         lit &= (dr.max(value) > 0) & (distance > 0)
         met = structure.interact(ray, structure.intersect(ray, lit))
@@ -85,6 +103,7 @@ class LightKind:
         lit &= number == self.first + index
         radiance = scene.lights.radiance_at(met, number, lit)
         weight = dr.abs(dr.dot(way, d)) * dr.square(radius / dr.select(lit, distance, 1)) * (4 * dr.pi)
+        weight *= power_heuristic(scene.lights.pdf_hit(si.p, met, number, lit), bsdf_pdf * share)
         return dr.select(lit, value * radiance * weight, 0) * t.Float(self.count)
 
     def _chosen(self, u: Any) -> Any:

@@ -14,15 +14,20 @@ from ..errors import SettingError
 from ..job import Job
 from ..live import Slot
 from ..rays.wavefront import split_passes
+from .casting import Casting, casts
 from .choose import Choice
 from .crossings import Crossings
 from .curves import Curves
+from .gathered_edges import Gathering, gathered_edges, gathers
 from .light_points import LightKind
-from .shadow_edges import Casting, shadow_edges
+from .scattered_shadows import scattered_shadows
+from .shadow_edges import shadow_edges
 from .silhouettes import silhouettes, view_choice
 
 #: Samples of a pass.
 _LANES = 1 << 20
+#: The longest paths whose edges are looked for have so many surfaces that scatter light.
+_BOUNCES = 6
 
 
 class Boundary:
@@ -36,17 +41,23 @@ class Boundary:
                 "the edges of instances have no derivatives: render with visibility_gradients=False, or write the "
                 "shapes of the group out in the scene"
             )
-        self._job = job
+        light = job.of_light
+        if light is not None and job.traced.materials.has_delta:
+            warnings.warn(
+                "edges that are seen in mirrors or through glass, and shadows seen through masks, have no derivatives",
+                RuntimeWarning,
+                stacklevel=4,
+            )
+        self._job, self._light = job, light
         self._samples = samples or job.view.film.pixel_count * job.sampler.sample_count
+        self._everything = range(len(geometry.surfaces))
         places = {p for slot in slots for p in slot.places} & set(job.traced.store.with_derivatives())
-        surfaces = range(len(geometry.surfaces))
         everywhere = any(slot.holder is job.view.camera for slot in slots)
-        moving = surfaces if everywhere else job.traced.surfaces_of(places)
+        moving = self._everything if everywhere else job.traced.surfaces_of(places)
         lights_move = any(slot.moves and any(slot is x for x in job.traced.lights.slots) for slot in slots)
-        if lights_move or len(job.traced.surfaces_of(places)):
-            _warn_of_material_samples(job)
         self._seen = Curves.of(geometry, moving) if len(moving) else None
-        self._casting = list(self._castings(moving, lights_move)) if _has_shadows(job) else []
+        self._casting = list(self._castings(moving, lights_move)) if light is not None else []
+        self._gathering = list(self._groups(moving, False)) if light is not None else []
 
     def crossings(self, values: Sequence[Any]) -> Iterator[Crossings]:
         """The points, a pass at a time; ``values`` are what the slots hold."""
@@ -56,22 +67,60 @@ class Boundary:
             with dr.suspend_grad(values):
                 choice = view_choice(job, seen)
             yield from self._passes(values, lambda *which: silhouettes(job, seen, choice, seed + 0x5BD1E995, *which))
-        for k, (kind, curves, receives) in enumerate(self._casting):
+        for bounces in range(_BOUNCES):
+            yield from self._shadows(values, bounces)
+            yield from self._gathered(values, bounces)
+
+    def _shadows(self, values: Sequence[Any], bounces: int) -> Iterator[Crossings]:
+        """Those of light found by sampling lights, on surfaces so many ``bounces`` from what the camera sees."""
+        job, seed = self._light, self._job.seed
+        if job is None or not casts(job, bounces):
+            return
+        # Paths move with all that they meet, and so does what is seen from where they get to.
+        castings = self._castings(self._everything, True) if bounces else self._casting
+        for k, (kind, curves, receives) in enumerate(castings):
             with dr.suspend_grad(values):
                 casting = Casting(kind, curves, Choice(curves.lengths(), job.traced.types), receives)
-            yield from self._passes(
-                values, lambda *which, c=casting, k=k: shadow_edges(job, c, seed + 0x1B873593 + k, *which)
-            )
 
-    def _passes(self, values: Sequence[Any], sample: Callable[[int, int, int], Crossings]) -> Iterator[Crossings]:
-        for wavefront in split_passes(self._samples, 1, _LANES):
+            def sample(*which: int, casting: Casting = casting, seed: Any = seed + 0x1B873593 + k) -> Crossings:
+                if bounces == 0:
+                    return shadow_edges(job, casting, seed, *which)
+                return scattered_shadows(job, casting, bounces - 1, seed + 0x3C6EF372 * bounces, *which)
+
+            yield from self._passes(values, sample, bounces)
+
+    def _gathered(self, values: Sequence[Any], bounces: int) -> Iterator[Crossings]:
+        """Those of light found by sampling materials, likewise."""
+        job, seed = self._light, self._job.seed
+        if job is None or not gathers(job, bounces):
+            return
+        groups = self._groups(self._everything, True) if bounces else self._gathering
+        for k, (curves, receives) in enumerate(groups):
             with dr.suspend_grad(values):
-                found = sample(wavefront.size, wavefront.first_pixel, self._samples)
+                gathering = Gathering(curves, Choice(curves.lengths(), job.traced.types), receives)
+
+            def sample(*which: int, gathering: Gathering = gathering, seed: Any = seed + 0x4CF5AD43 + k) -> Crossings:
+                return gathered_edges(job, gathering, bounces, seed + 0x3C6EF372 * bounces, *which)
+
+            yield from self._passes(values, sample, bounces)
+
+    def _passes(self, values: Sequence[Any], sample: Callable[..., Crossings], bounces: int = 0) -> Iterator[Crossings]:
+        # Less light comes from farther on.
+        total = max(self._samples >> bounces, 1)
+        for wavefront in split_passes(total, 1, _LANES):
+            with dr.suspend_grad(values):
+                found = sample(wavefront.size, wavefront.first_pixel, total)
             yield found
 
     def _castings(self, moving: Sequence[int], lights_move: bool) -> Iterator[tuple[LightKind, Curves, Any]]:
-        """What casts shadows of which lights on what: where neither is among the surfaces that move, edges of shadows
-        move only with lights and the camera."""
+        """What casts shadows of which lights on what."""
+        for kind in LightKind.all(self._job.traced):
+            for curves, receives in self._groups(moving, lights_move):
+                yield kind, curves, receives
+
+    def _groups(self, moving: Sequence[int], lights_move: bool) -> Iterator[tuple[Curves, Any]]:
+        """What is seen from what: where neither is among the surfaces that move, edges move only with lights and the
+        camera."""
         scene = self._job.traced
         geometry = scene.structure.geometry
         count = len(geometry.surfaces)
@@ -82,27 +131,7 @@ class Boundary:
             mask = owned(flags, scene.types.UInt)
             others = [k for k in range(count) if not flags[k]] if len(moving) else []
             groups = [(list(moving), None), (others, mask)]
-        for kind in LightKind.all(scene):
-            for surfaces, receives in groups:
-                curves = Curves.of(geometry, surfaces) if surfaces else None
-                if curves is not None:
-                    yield kind, curves, receives
-
-
-def _warn_of_material_samples(job: Job) -> None:
-    lights, settings = job.traced.lights, job.settings
-    samples = settings.kind == "path" or settings.bsdf_samples > 0
-    if _has_shadows(job) and samples and (lights.has_area or lights.has_environment):
-        warnings.warn(
-            "edges of shadows are off by what material samples count for where surfaces or lights that they lie on or "
-            "come from move, which is much under a sky: integrator=Integrator(kind='direct', bsdf_samples=0) is exact",
-            RuntimeWarning,
-            stacklevel=5,
-        )
-
-
-def _has_shadows(job: Job) -> bool:
-    """Whether surfaces are lit by lights that rays are sent to."""
-    scene, settings = job.traced, job.settings
-    one_bounce = settings.kind == "direct" or settings.max_depth < 0 or settings.max_depth > 1
-    return one_bounce and bool(scene.lights.count) and scene.materials.has_smooth_any
+        for surfaces, receives in groups:
+            curves = Curves.of(geometry, surfaces) if surfaces else None
+            if curves is not None:
+                yield curves, receives

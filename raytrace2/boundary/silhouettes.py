@@ -6,7 +6,7 @@ from typing import Any
 
 import drjit as dr
 
-from ..job import RADIANCE, Job
+from ..job import Job
 from ..rays.film_map import FilmMap
 from ..rays.ray import Ray
 from ..types import types as make_types
@@ -76,7 +76,8 @@ def silhouettes(job: Job, curves: Curves, choice: Choice, seed: Any, count: int,
     active &= dr.isfinite(size)
     ray = camera.sample_ray(t.Array2f(*at), aperture)
     far = dr.dot(point.x - ray.o, ray.d) * (1 - _NEAR)
-    active &= ~job.traced.structure.occluded(Ray.of(ray.o, ray.d, 0, far), active)
+    if not job.traced.materials.has_null:
+        active &= ~job.traced.structure.occluded(Ray.of(ray.o, ray.d, 0, far), active)
     dr.eval(at, step, size, across, active)
 
     # Both sides draw the same numbers.
@@ -85,14 +86,13 @@ def silhouettes(job: Job, curves: Curves, choice: Choice, seed: Any, count: int,
     where, step_there = (t.Array2f(*(dr.gather(t.Float, x, half) for x in pair)) for pair in (at, step))
     where = where + step_there * (dr.gather(t.Float, size, half) * sign)
     lens = None if aperture is None else dr.gather(t.Array2f, aperture, half)
-    seen, differential = view.differentials.start(camera, where, lens)
-    radiance = RADIANCE[job.settings.kind](
-        job.traced, job.settings, twice(sampler, half), seen, dr.gather(t.Bool, active, half),
-        differentials=view.differentials, differential=differential,
-    )  # fmt: skip
-    dr.eval(radiance)
+    values = job.values(twice(sampler, half), where, lens, dr.gather(t.Bool, active, half))
+    dr.eval(values)
     own = dr.arange(t.UInt, count) * 2
-    jump = dr.gather(t.Array3f, radiance, own) - dr.gather(t.Array3f, radiance, own + 1)
+    jump = [
+        dr.gather(t.Float, value, own) - dr.gather(t.Float, value, own + 1) if ends else t.Float(0)
+        for value, ends in zip(values, job.ends_at_edges, strict=True)
+    ]
     per_sample = dr.opaque(t.Float, job.sampler.sample_count / total)
     scale = per_sample * curves.share(index) / dr.select(active, chance, 1)
 
@@ -101,6 +101,6 @@ def silhouettes(job: Job, curves: Curves, choice: Choice, seed: Any, count: int,
         x = curves.at(index, s, Eye(moving.eye, moving.parallel)).x
         u, v, depth = moving.weights(x)
         depth = dr.select(active, depth, 1)
-        return u / depth, v / depth
+        return film_side.pixels(film, (u / depth, v / depth))
 
     return Crossings(film, at, jump, (across[0] * scale, across[1] * scale), active, position)

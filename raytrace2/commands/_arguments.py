@@ -22,7 +22,7 @@ def add_scene_arguments(parser: argparse.ArgumentParser, *, optional: bool = Fal
 def add_render_arguments(parser: argparse.ArgumentParser) -> None:
     """What ``rt.render`` takes."""
     parser.add_argument("--sensor", type=int, default=0, help="which of the scene's cameras (default 0)")
-    parser.add_argument("--integrator", help="path or direct; the scene's own by default")
+    parser.add_argument("--integrator", help="path, direct or aov:KIND,KIND; the scene's own by default")
     parser.add_argument("--seed", type=int, default=0, help="of the sampler (default 0)")
     parser.add_argument("--accel", help="acceleration structure, such as bvh or bvh:max_leaf_size=2")
     parser.add_argument("--filter", help="texture filter, such as ewa or exact, in place of every bitmap's own")

@@ -7,12 +7,14 @@ from typing import Any
 
 import drjit as dr
 
-from ..rays.differentials import NO_DIFFERENTIALS, Differentials, uv_partials
+from ..errors import SettingError
+from ..rays.differentials import NO_DIFFERENTIALS, Bouncing, uv_partials
 from ..rays.ray import Ray
 from ..scene.description import Integrator
 from ..scene.traced import TracedScene
 from ..surfaces.hit import Counts
 from ..surfaces.interaction import SurfaceInteraction
+from .tracing import Tracing
 
 _AXES = ("X", "Y", "Z")
 _COLORS = ("R", "G", "B")
@@ -39,6 +41,23 @@ CHANNELS: dict[str, tuple[str, ...]] = {
     "accel.primitives": ("N",),
 }
 
+#: Those that count, whose derivatives are zero.
+COUNTED = tuple(kind for kind, suffixes in CHANNELS.items() if suffixes in (("N",), ("I",)))
+#: Those that tell of footprints.
+FOOTPRINTS = ("duv_dx", "duv_dy")
+
+
+def parse_aovs(text: str) -> tuple[tuple[str, str], ...]:
+    """The (name, kind) pairs of ``"depth,n:sh_normal"``: kinds, with names where these are others. ``SettingError`` for
+    what is no kind."""
+    tokens = text.replace(",", " ").split()
+    pairs = tuple((name, kind if colon else name) for name, colon, kind in (token.partition(":") for token in tokens))
+    unknown = [kind for _, kind in pairs if kind not in CHANNELS]
+    if unknown or not pairs:
+        wrong = f"there is no aov {unknown[0]!r}" if unknown else "no aovs are listed"
+        raise SettingError(f"{wrong}; kinds are: {', '.join(CHANNELS)}")
+    return pairs
+
 
 def channel_names(settings: Integrator) -> list[str]:
     """The names of the channels of ``settings.aovs``, in order."""
@@ -52,20 +71,26 @@ def aov(
     offset_rays: tuple[Ray, Ray] | None,
     active: Any = True,
     *,
-    differentials: Differentials = NO_DIFFERENTIALS,
+    differentials: Bouncing = NO_DIFFERENTIALS,
     differential: Any = None,
+    tracing: Tracing | None = None,
+    random: Any = None,
 ) -> list[Any]:
     """The values (Float) of every channel of ``settings.aovs`` along each ray, zero on a miss.
 
     ``duv_dx`` and ``duv_dy`` are what ``differentials`` say, and else found with ``offset_rays``, a pixel to the right
-    and a pixel down.
+    and a pixel down. A ``tracing`` other than the scene's own does not count what rays cost.
+    ``random`` (Array2f) is for filters that read texels at random.
     """
     counts: Counts | None = None
-    if any(kind.startswith("accel.") for _, kind in settings.aovs):
+    if tracing is not None:
+        hit = tracing.closest(ray, active, None)
+    elif any(kind.startswith("accel.") for _, kind in settings.aovs):
         hit, counts = scene.structure.count(ray, active)
     else:
         hit = scene.structure.intersect(ray, active)
-    si = differentials.meet(scene.structure, ray, differential, hit).si
+    meeting = differentials.meet(scene.structure, ray, differential, hit)
+    si = (meeting if random is None else meeting.drawing(random)).si
     Float = scene.types.Float
     values: list[Any] = []
     for _, kind in settings.aovs:
@@ -79,7 +104,7 @@ def aov(
 
 def needs_offset_rays(settings: Integrator) -> bool:
     """Whether :func:`aov` needs ``offset_rays``."""
-    return any(kind in ("duv_dx", "duv_dy") for _, kind in settings.aovs)
+    return any(kind in FOOTPRINTS for _, kind in settings.aovs)
 
 
 _FIELDS: dict[str, Callable[[SurfaceInteraction], Any]] = {

@@ -11,7 +11,7 @@ from ..rays.ray import Ray
 from ..scene.description import Integrator
 from ..scene.traced import TracedScene
 from .emission import met_emission, power_heuristic
-from .tracing import StructureTracing, Tracing, scatters
+from .tracing import StructureTracing, Tracing, held, scatters
 
 
 def direct(
@@ -71,6 +71,8 @@ def direct(
         # Mitsuba draws the pair first here, and second in its path tracer.
         pair = sampler.next_2d()
         sample = materials.sample(scatter, material, sampler.next_1d(), pair, active)
+        if tracing.holds_directions:
+            sample = held(scene, here, material, sample, active)
         onward = scatter.spawn_ray(scatter.to_world(sample.wo))
         left = None
         if differential is not None:

@@ -12,7 +12,7 @@ from ..rays.ray import Ray
 from ..scene.description import Integrator
 from ..scene.traced import TracedScene
 from .emission import met_emission, power_heuristic
-from .tracing import StructureTracing, Tracing, scatters
+from .tracing import StructureTracing, Tracing, held, scatters
 
 #: From this depth on, paths that carry nothing but derivatives end by chance.
 _BLACK_DEPTH = 32
@@ -143,6 +143,8 @@ def bounce(
     # Before the shadow ray: Dr.Jit sees no two values as the same that are computed on either side of a traversal.
     scatter = meeting.scatter
     sample = materials.sample(scatter, material, sampler.next_1d(), sampler.next_2d(), goes_on)
+    if tracing.holds_directions:
+        sample = held(scene, meeting, material, sample, goes_on)
     onward = scatter.spawn_ray(scatter.to_world(sample.wo))
     # What lanes carry that do not go on means nothing.
     if s.differential is not None:

@@ -1,7 +1,7 @@
 """How the records of area lights follow from transforms and vertices that may change.
 
 Points on a light stay at the same place of its parameterisation, so that their densities have derivatives too. Of a
-mesh, which triangle is chosen has none: its share of the chances stays, and the density within it changes.
+mesh, which triangle is chosen has none: what is found there is weighted by how the chance changes.
 """
 
 from __future__ import annotations
@@ -198,7 +198,7 @@ def _chances(base: Any, values: Values, moved: dict[int, _Triangles]) -> Any:
 def _areas(base: Any, values: Values, moved: dict[int, _Triangles]) -> Any:
     buffer = type(base)(base)
     for k, mesh in moved.items():
-        put(buffer, k, [dr.detach(dr.sum(_triangle_areas(mesh, values)))])
+        put(buffer, k, [dr.sum(_triangle_areas(mesh, values))])
     return buffer
 
 

@@ -10,6 +10,7 @@ import drjit as dr
 import numpy as np
 
 from .. import warp
+from ..chances import by_choice
 from ..scene import description
 from ..types import Types
 from . import cdf
@@ -73,12 +74,13 @@ class MeshLights:
             last = dr.gather(types.Array4f, self.uv, triangle * 2 + 1, active)
             uv = first.xy * b0 + first.zw * b.x + last.xy * b.y
         area = dr.gather(types.Float, self.areas, index, active)
+        found = from_area(p, point, n, side, area, uv)
         if dr.grad_enabled(e1, e2):
-            # A triangle is chosen as often as before when it grows.
             size2 = dr.squared_norm(dr.cross(e1.xyz, e2.xyz))
             size = dr.sqrt(dr.select(size2 > 0, size2, 1))
-            area = area * dr.select(dr.detach(size2) > 0, size / dr.detach(size), 1)
-        return from_area(p, point, n, side, area, uv)
+            # The density stays that of hits, for the weights of the two to add up to one wherever they move.
+            found.inverse = by_choice(found.inverse, dr.select(size2 > 0, 0.5 * size / area, 0))
+        return found
 
 
 def _triangles(shape: description.MeshShape, types: Types) -> tuple[np.ndarray, np.ndarray]:

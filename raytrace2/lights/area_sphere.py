@@ -68,6 +68,18 @@ class SphereLights:
         cone = ShapeSample(point, d, nearest, dr.rcp(solid), solid, sign > 0, result.uv)
         return dr.select(outside, cone, result)
 
+    def inverse(self, p: Any, index: Any, hit: Any, active: Any) -> Any:
+        """The ``u`` for which :meth:`sample` from ``p`` finds the point ``hit`` of light ``index``."""
+        center, radius, sign = self.sphere(index, active)
+        axis, _, outside, span, _ = _cone(p, center, radius, sign)
+        d, _ = towards(p, hit)
+        local = Frame(*coordinate_system(axis), axis).to_local(d)
+        # 1 - cos(theta) of unit vectors, where nothing cancels.
+        versine = dr.squared_norm(d - axis) / 2
+        seen = dr.fmin(versine / dr.select(outside, span, 1), 1), turn(local.x, local.y)
+        n = (hit - center) / radius
+        return dr.select(outside, self.types.Array2f(*seen), self.types.Array2f(turn(n.x, n.y), (1 - n.z) / 2))
+
     def inverse_pdf(self, p: Any, index: Any, hit: Any, n: Any, active: Any) -> Any:
         """The inverse of the density per steradian at the point ``hit`` with normal ``n``, from ``p``."""
         center, radius, sign = self.sphere(index, active)

@@ -7,12 +7,13 @@ from typing import Any
 
 import drjit as dr
 
+from ..chances import by_choice
 from ..live import Slot
 from ..scene.description import DielectricBsdf
 from ..textures import TextureParameter, TextureTable
 from .fresnel import fresnel_dielectric
 from .index_of_refraction import RelativeIndices
-from .sample import BsdfSample, by_choice
+from .sample import BsdfSample
 
 
 class Dielectric:

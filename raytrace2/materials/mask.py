@@ -7,9 +7,10 @@ from typing import Any
 
 import drjit as dr
 
+from ..chances import by_choice
 from ..scene.description import Bsdf, MaskBsdf, Texture, TwoSidedBsdf
 from ..textures import TextureParameter, TextureTable
-from .sample import BsdfSample, by_choice
+from .sample import BsdfSample
 
 
 def opacities(bsdf: Bsdf) -> list[Texture]:

@@ -86,12 +86,15 @@ class Spread:
         half_sum, half_difference = 0.5 * (a + c), 0.5 * (a - c)
         radius = dr.safe_sqrt(half_difference * half_difference + b * b)
         round_ = radius <= 1e-6 * half_sum
-        cosine2 = dr.select(round_, 1, half_difference / dr.select(round_, 1, radius))
-        cosine = dr.safe_sqrt(0.5 * (1 + cosine2))
-        sine = dr.mulsign(dr.safe_sqrt(0.5 * (1 - cosine2)), b)
+        inverse = dr.rcp(dr.select(round_, 1, radius))
+        # Smaller ones follow from larger ones: as differences they would lose their digits.
+        larger = dr.sqrt(0.5 + 0.5 * dr.select(round_, 1, dr.abs(half_difference) * inverse))
+        smaller = dr.select(round_, 0, 0.5 * b * inverse) / larger
+        along = round_ | (half_difference >= 0)
+        cosine, sine = dr.select(along, larger, smaller), dr.select(along, smaller, larger)
         # A round one keeps its axes, so that no spread changes nothing.
         first = dr.select(round_, a, half_sum + radius)
-        second = dr.select(round_, c, half_sum - radius)
+        second = dr.select(round_, c, dr.fma(a, c, -b * b) / first)
         return dr.safe_sqrt(first), dr.safe_sqrt(second), cosine, sine
 
     def cosine(self, wo: Any) -> Any:

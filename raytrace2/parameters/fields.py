@@ -233,6 +233,8 @@ def coerced_matrix(key: str, given: Any, size: int, types: Types) -> Any:
     given = given if isinstance(given, dr.ArrayBase) else getattr(given, "matrix", given)
     if isinstance(given, dr.ArrayBase) and dr.is_matrix_v(given) and len(given) == size:
         entries = [[given[i, j] for j in range(size)] for i in range(size)]
+    elif isinstance(given, dr.ArrayBase) and dr.is_tensor_v(given) and tuple(given.shape) == (size, size):
+        entries = [[_at(given.array, size * i + j) for j in range(size)] for i in range(size)]
     else:
         array = _numbers(key, given, f"a {size}x{size} matrix")
         if array.shape != (size, size):
@@ -272,8 +274,8 @@ def converted(value: Any, types: Types) -> Any:
 
 
 def _floats(key: str, given: Any, types: Types, width: int, wanted: str) -> Any:
-    if isinstance(given, dr.ArrayBase) and dr.depth_v(given) == 1:
-        value = types.Float(given.array if dr.is_tensor_v(given) else given)
+    if isinstance(given, dr.ArrayBase):
+        value = types.Float(given.array if dr.is_tensor_v(given) else dr.ravel(given))
     else:
         value = _copied(_numbers(key, given, wanted), types)
     if dr.width(value) != width:
@@ -284,8 +286,11 @@ def _floats(key: str, given: Any, types: Types, width: int, wanted: str) -> Any:
 def _triple(key: str, given: Any, types: Types, wanted: str) -> Any:
     if isinstance(given, dr.ArrayBase) and dr.depth_v(given) == 2 and len(given) == 3:
         return types.Array3f(*(_entry(key, c, types) for c in given))
-    if isinstance(given, dr.ArrayBase) and dr.depth_v(given) == 1 and dr.width(given) == 1:
-        return types.Array3f(types.Float(given))
+    if isinstance(given, dr.ArrayBase):
+        flat = types.Float(given.array if dr.is_tensor_v(given) else dr.ravel(given))
+        if dr.width(flat) not in (1, 3):
+            raise SettingError(f"{key} must be {wanted}, not {dr.width(flat)}")
+        return types.Array3f(*(_at(flat, k) for k in range(3))) if dr.width(flat) == 3 else types.Array3f(flat)
     array = _numbers(key, given, wanted).ravel()
     if array.size not in (1, 3):
         raise SettingError(f"{key} must be {wanted}, not {array.size}")
@@ -299,7 +304,13 @@ def _entry(key: str, value: Any, types: Types) -> Any:
     return value
 
 
+def _at(flat: Any, k: int) -> Any:
+    return dr.gather(type(flat), flat, dr.uint32_array_t(type(flat))(k))
+
+
 def _numbers(key: str, given: Any, wanted: str) -> np.ndarray:
+    if dr.grad_enabled(given):
+        raise SettingError(f"{key} must be {wanted}: a {type(given).__name__} would lose its derivatives here")
     try:
         array = np.asarray(given, np.float64)
     except (TypeError, ValueError):

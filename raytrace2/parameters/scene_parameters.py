@@ -9,6 +9,7 @@ from typing import Any
 
 import drjit as dr
 
+from ..buffers import apart
 from ..errors import SettingError
 from ..scene.scene import Scene
 from ..types import types
@@ -32,6 +33,8 @@ class SceneParameters(Mapping[str, Any]):
         self.types = types(precision)
         self._known = dict(known)
         self._values: dict[str, Any] = {}
+        #: What was assigned, and the copies of it that are the values.
+        self._copied: dict[str, tuple[Any, Any]] = {}
         self._handed_out: dict[str, tuple[Any, ...]] = {}
         self._dirty: set[str] = set()
 
@@ -69,9 +72,16 @@ class SceneParameters(Mapping[str, Any]):
     def __setitem__(self, key: str, value: Any) -> None:
         before = self._value(key)
         new = self._parameter(key).field.coerced(key, value, before, self.types)
-        if _indices(new) != _indices(before):
-            self._values[key] = new
-            self._dirty.add(key)
+        if _indices(new) == _indices(before):
+            return
+        if not dr.flag(dr.JitFlag.FreezingScope):
+            known = self._copied.get(key)
+            if known is not None and _indices(list(known)) == _indices([new, before]):
+                return
+            given, new = new, apart(new)
+            self._copied[key] = given, new
+        self._values[key] = new
+        self._dirty.add(key)
 
     def __delitem__(self, key: str) -> None:
         self._parameter(key)

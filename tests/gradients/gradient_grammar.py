@@ -165,7 +165,9 @@ def light(kind: str) -> Dict:
     radiance = bitmap(COLOR) if kind in ("smooth", "disk") else rgb(9, 8, 7)
     turned = T().translate([-0.4, -0.6, 4.5])
     turned = turned.scale(0.5) if kind == "sphere" else turned.rotate([0.96, 0.28, 0], 170).scale(0.8)
-    return shape(kind, turned, emitter={"type": "area", "radiance": radiance})
+    # Black has a derivative on one side only.
+    grey = {"type": "diffuse", "reflectance": rgb(0.3, 0.2, 0.25)}
+    return shape(kind, turned, bsdf=grey, emitter={"type": "area", "radiance": radiance})
 
 
 def camera(kind: str) -> Dict:

@@ -87,6 +87,7 @@ class Latent:
         """The parameter's value."""
         if not dr.is_matrix_v(self.base):
             return latent
-        entries = [[self.base[i, j] for j in range(4)] for i in range(4)]
-        entries[0][3] = entries[0][3] + latent
+        size = len(self.base)
+        entries = [[self.base[i, j] for j in range(size)] for i in range(size)]
+        entries[0][-1] = entries[0][-1] + latent
         return type(self.base)(*(e for row in entries for e in row))

@@ -193,10 +193,3 @@ def test_what_is_refused() -> None:
     for wrong in (start()[1], {TEXELS: params[TEXELS]}):
         with pytest.raises(rt.SettingError, match="params"):
             rt.render(scene, wrong)  # type: ignore[arg-type]
-    depth = {"type": "aov", "aovs": "dd:depth", "image": {"type": "path"}}
-    scene, params = start(integrator=depth)
-    with pytest.raises(rt.SettingError, match="aovs have no derivatives"):
-        rt.render(scene, params)
-    dr.disable_grad(params[TEXELS])
-    params.update()
-    assert rt.render(scene, params).shape == (8, 10, 4)

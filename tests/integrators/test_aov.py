@@ -153,3 +153,33 @@ def test_what_rays_cost_is_a_channel_and_costs_nothing_elsewhere() -> None:
             return max(k["operation_count"] for k in dr.kernel_history([dr.KernelType.JIT]))
 
     assert operations(("d", "depth")) < operations(("n", "accel.nodes"), ("d", "depth"))
+
+
+def test_albedo_is_filtered_by_chance_where_texels_are_drawn() -> None:
+    loaded = rt.load_dict(scene(sensor=camera((24, 20)), **variety()))
+    settings = Integrator("aov", aovs=(("albedo", "albedo"),))
+    drawn = np.array(rt.render(loaded, integrator=settings, filter="stochastic:of=trilinear", spp=256))
+    whole = np.array(rt.render(loaded, integrator=settings, filter="trilinear", spp=256))
+    assert np.abs(drawn - whole).max() < 0.1
+    assert np.abs(drawn - whole).mean() < 5e-3
+
+
+def test_aovs_alone_are_no_colours() -> None:
+    """Of a film for luminance only those are converted that are colours."""
+    sensor = camera((24, 20))
+    grey = {**sensor, "film": {**sensor["film"], "pixel_format": "luminance"}}
+    settings = Integrator("aov", aovs=(("position", "position"), ("depth", "depth")))
+    images = [render_detailed(rt.load_dict(scene(sensor=s, **corner())), integrator=settings) for s in (sensor, grey)]
+    np.testing.assert_array_equal(*(done.image.numpy() for done in images))
+    assert images[0].channels == images[1].channels
+
+
+def test_aovs_by_name() -> None:
+    loaded = rt.load_dict(scene(sensor=camera((12, 10)), **corner()))
+    done = render_detailed(loaded, integrator="aov:depth,n:sh_normal")
+    assert done.channels == ["depth.T", "n.X", "n.Y", "n.Z"]
+    settings = Integrator("aov", aovs=(("depth", "depth"), ("n", "sh_normal")))
+    np.testing.assert_array_equal(done.image.numpy(), rt.render(loaded, integrator=settings).numpy())
+    for wrong in ("aov", "aov:", "aov:dept", "aov:z:dept"):
+        with pytest.raises(rt.SettingError, match="kinds are: albedo, depth"):
+            rt.render(loaded, integrator=wrong)

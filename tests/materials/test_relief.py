@@ -165,6 +165,19 @@ def test_a_mirrored_map_has_mirrored_gradients() -> None:
     assert np.allclose(found[0], found[1], atol=1e-6 * np.abs(found[0]).max())
 
 
+@pytest.mark.parametrize("xy", [0.0, 1e-7, -1e-5, 1e-3])
+def test_axes_of_a_spread_keep_their_digits(xy: float) -> None:
+    found = []
+    for precision in ("float32", "float64"):
+        t = types(precision)
+        b = t.Float(xy)
+        dr.enable_grad(b)
+        first, second, c, s = Spread(t.Float(0.02), b, t.Float(0.05)).roughened(t.Float(0.01), t.Float(0.02))
+        dr.forward(b)
+        found.append([float(x[0]) for x in (first, second, c, s, dr.grad(c))])
+    assert found[0] == pytest.approx(found[1], rel=1e-5)
+
+
 def test_spread_adds_covariances() -> None:
     t = types("float64")
     spread = Spread(t.Float(0.02), t.Float(0.01), t.Float(0.05))

@@ -34,6 +34,6 @@ def direct_again(
         direct(
             scene, settings, recorder, ray, differentials=recorder, differential=differential, tracing=recorder
         )  # fmt: skip
-    player = Player(recorder.memory, replay.through)
+    player = Player(recorder.memory, replay.through, replay.holds)
     state = differential if replay.through is None else moving_differential
     return direct(scene, settings, player, moving, differentials=player, differential=state, tracing=player)

@@ -48,6 +48,7 @@ class Recorder:
 
     keeps_gradients = False
     follows_black = True
+    holds_directions = False
 
     def __init__(self, tracing: Tracing, sampler: Any, differentials: Differentials) -> None:
         self._tracing, self._sampler, self._differentials = tracing, sampler, differentials
@@ -86,6 +87,7 @@ class Nothing:
 
     keeps_gradients = False
     follows_black = True
+    holds_directions = False
 
     def __init__(self, types: Types) -> None:
         self._types = types
@@ -106,13 +108,14 @@ class Nothing:
 
 class Player:
     """Says what a :class:`Recorder` heard. Interactions are computed from the ray anew, with derivatives where it or
-    the scene has them; footprints are as remembered, with the derivatives of ``differentials`` if given."""
+    the scene has them; footprints are as remembered, with the derivatives of ``differentials`` if given; ``holds``,
+    where smooth lobes send paths stays where it is."""
 
     keeps_gradients = True
     follows_black = True
 
-    def __init__(self, memory: Memory, differentials: Differentials | None = None) -> None:
-        self._differentials = differentials
+    def __init__(self, memory: Memory, differentials: Differentials | None = None, holds: bool = False) -> None:
+        self._differentials, self.holds_directions = differentials, holds
         self._hits: Iterator[Any] = iter(memory.hits)
         self._drawn: Iterator[Any] = iter(memory.drawn)
         self._blocked: Iterator[Any] = iter(memory.blocked)

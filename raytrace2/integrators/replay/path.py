@@ -108,7 +108,7 @@ def path_backward(
         entry = tape.read(count, like)
         parts = moving_parts(entry, replay)
         dr.enable_grad(parts)
-        player = Player(entry.memory, replay.through)
+        player = Player(entry.memory, replay.through, replay.holds)
         after = bounce(scene, limits, entry.state(count), player, player, player)
         radiance, left = after.radiance, moving_parts(after, replay)
         total = dr.dot(adjoint, radiance)
@@ -154,7 +154,7 @@ def path_forward(
         dr.enable_grad(parts)
         for part, tangent in zip(parts, tangents, strict=True):
             dr.set_grad(part, tangent)
-        player = Player(entry.memory, replay.through)
+        player = Player(entry.memory, replay.through, replay.holds)
         again = entry.state(depth)
         after = bounce(scene, limits, again, player, player, player)
         ends = [-x for x in (after.radiance, *moving_parts(after, replay))]
