@@ -34,7 +34,10 @@ import drjit as dr  # isort: skip  (after raytrace2, which chooses its libLLVM)
 
 MITSUBA = "Mitsuba prb"
 FROZEN = ", frozen"
-WAYS = (MITSUBA, "bilinear", "trilinear", "ewa", "exact", "bilinear" + FROZEN, "trilinear" + FROZEN)
+WAYS = (
+    MITSUBA, "bilinear", "trilinear", "ewa", "exact", "bilinear" + FROZEN, "trilinear" + FROZEN, "ewa" + FROZEN,
+    "exact" + FROZEN,
+)  # fmt: skip
 #: (samples a pixel, learning rate of slopes)
 MITSUBA_SETTINGS = ((1, 0.03), (1, 0.1), (4, 0.1))
 OUR_SETTINGS = ((1, 0.03), (1, 0.1))
