@@ -1,7 +1,8 @@
 """Where a camera stands, from one picture: Adam moves it until a render at one sample a pixel looks like the picture,
 by filters with and without gradients through footprints, and from coarse to fine. How far off may it begin?
 
-    python experiments/pose_recovery.py [--quick] [--pixels 64] [--directions 8] [-o out/pose_recovery.md]
+    python experiments/pose_recovery.py [--quick] [--scenes room hall] [--pixels 64] [--directions 16]
+        [-o out/pose_recovery.md]
 
 Writes a table and, beside it, a picture (.png). What was measured is kept beside it too (.json), and not measured again
 by the same code.
@@ -21,7 +22,7 @@ from typing import Any
 import numpy as np
 from charts import heat_chart
 from PIL import Image
-from pose_scene import REACH, distance, motion, perturbation, room
+from pose_scene import REACH, SCENES, distance, motion, perturbation
 from study import code_digest, markdown_table, read_json, save_image, save_json, save_text
 from tqdm import tqdm
 
@@ -29,9 +30,6 @@ import raytrace2 as rt
 from raytrace2.types import types
 
 import drjit as dr  # isort: skip  (after raytrace2, which chooses its libLLVM)
-
-#: Degrees off at the start; and as much times REACH in metres.
-SIZES = (2, 4, 8, 12, 16, 24)
 
 #: Parts of the picture's pixels along a side, and Adam's step (radians) there, which falls to a twentieth at the last.
 LEVELS = ((1 / 8, 0.012), (1 / 4, 0.012), (1 / 2, 0.008), (1, 0.005))
@@ -67,34 +65,40 @@ Record = dict[str, float]
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n\n")[0])
-    parser.add_argument("--quick", action="store_true", help="two sizes, one direction")
+    parser.add_argument("--quick", action="store_true", help="two distances, one direction")
+    parser.add_argument("--scenes", nargs="*", default=list(SCENES), choices=list(SCENES), help="default: both")
     parser.add_argument("--pixels", type=int, default=64, help="pixels along a side (default 64)")
-    parser.add_argument("--directions", type=int, default=8, help="beginnings of each size (default 8)")
+    parser.add_argument("--directions", type=int, default=16, help="beginnings at each distance (default 16)")
     parser.add_argument("--steps", type=int, default=20, help="steps at each of the four levels (default 20)")
     parser.add_argument("-o", "--out", type=Path, default=Path("out/pose_recovery.md"))
     options = parser.parse_args()
-    sizes, directions = ((4, 12), 1) if options.quick else (SIZES, options.directions)
-    search = Search(options.pixels, options.steps)
-    records = measured(search, sizes, directions, options.out.with_suffix(".json"))
-    text = report(records, sizes, directions, search)
+    studies = []
+    for name in tqdm(options.scenes, unit="scene", disable=None):
+        sizes, directions = SCENES[name][0], options.directions
+        if options.quick:
+            sizes, directions = sizes[1:4:2], 1
+        search = Search(name, options.pixels, options.steps)
+        records = measured(search, sizes, directions, options.out.with_name(f"{options.out.stem}_{name}.json"))
+        studies.append(Study(search, sizes, directions, records))
+    text = f"# The place of a camera\n\n{said(studies[0])}\n" + "\n".join(s.table() for s in studies)
     save_text(options.out, text)
-    save_image(options.out.with_suffix(".png"), picture(records, sizes, directions, search))
+    save_image(options.out.with_suffix(".png"), stacked([s.picture() for s in studies]))
     print(text)
     return 0
 
 
-def measured(search: Search, sizes: Sequence[int], directions: int, file: Path) -> dict[str, Record]:
+def measured(search: Search, sizes: Sequence[float], directions: int, file: Path) -> dict[str, Record]:
     """A record of each search, by way, size and direction; none from farther away than where one failed."""
     setting = [code_digest(), search.pixels, search.steps]
     kept = read_json(file)
     records: dict[str, Record] = kept["records"] if kept and kept["setting"] == setting else {}
     # Kernels are compiled and functions frozen before clocks run.
-    for way in tqdm(WAYS, unit="compilation", disable=None):
+    for way in tqdm(WAYS, unit="compilation", leave=False, disable=None):
         search.run(way, 1.0, 0, steps=4)
-    for direction in tqdm(range(directions), unit="direction", disable=None):
+    for direction in tqdm(range(directions), unit="direction", leave=False, disable=None):
         for way in WAYS:
             for size in sizes:
-                key = f"{way.title} {size} {direction}"
+                key = f"{way.title} {size:g} {direction}"
                 if key not in records:
                     records[key] = search.run(way, size, direction, search.steps)
                     save_json(file, {"setting": setting, "records": records})
@@ -105,11 +109,11 @@ def measured(search: Search, sizes: Sequence[int], directions: int, file: Path) 
 
 
 class Search:
-    """The room, its picture at every level and the camera's true place."""
+    """A scene, its picture at every level and the camera's true place."""
 
-    def __init__(self, pixels: int, steps: int) -> None:
-        self.types, self.pixels, self.steps = types("float32"), pixels, steps
-        self.scene = room(pixels)
+    def __init__(self, name: str, pixels: int, steps: int) -> None:
+        self.name, self.types, self.pixels, self.steps = name, types("float32"), pixels, steps
+        self.scene = SCENES[name][1](pixels)
         self.params = rt.traverse(self.scene)
         self.true = np.array(self.params["camera.to_world"], np.float64).reshape(4, 4)
         self.truth = np.array(rt.render(self.scene, spp=1024, filter="bilinear", seed=1 << 20, progress=False))
@@ -178,69 +182,89 @@ class Search:
         return self.frozen[way, part]
 
 
-def share(records: dict[str, Record], way: Way, size: int, directions: int) -> float:
-    """Of the searches that began so far off, the part that found the place."""
-    return sum(map(good, of(records, way, size, directions))) / directions
+@dataclass(frozen=True, eq=False)
+class Study:
+    """What was measured of one scene."""
 
+    search: Search
+    sizes: Sequence[float]
+    directions: int
+    records: dict[str, Record]
 
-def of(records: dict[str, Record], way: Way, size: int, directions: int) -> list[Record]:
-    keys = [f"{way.title} {size} {k}" for k in range(directions)]
-    return [records[key] for key in keys if key in records]
+    def of(self, way: Way, size: float) -> list[Record]:
+        keys = [f"{way.title} {size:g} {k}" for k in range(self.directions)]
+        return [self.records[key] for key in keys if key in self.records]
+
+    def share(self, way: Way, size: float) -> float:
+        """Of the searches that began so far off, the part that found the place."""
+        return sum(map(good, self.of(way, size))) / self.directions
+
+    def table(self) -> str:
+        rows = []
+        for way in WAYS:
+            shares = [self.share(way, size) for size in self.sizes]
+            runs = [r for size in self.sizes for r in self.of(way, size)]
+            errors = [r for r in runs if good(r)]
+            near = f"{statistics.median(r['degrees'] for r in errors):.3f}" if errors else ""
+            shift = f"{1000 * statistics.median(r['metres'] for r in errors):.1f}" if errors else ""
+            kind = way.levels if way.levels != "none" else "no"
+            gradients = "" if way.filter == "bilinear" else "yes" if way.footprints else "no"
+            seconds = statistics.median(r["seconds"] for r in runs)
+            rows.append([kind, way.filter, gradients, *(f"{100 * s:.0f}" for s in shares), f"{self.width(shares):.1f}°",
+                         near, shift, f"{seconds:.2f}"])  # fmt: skip
+        head = ["levels", "filter", "footprint gradients", *(f"{s:g}°" for s in self.sizes), "width", "error, degrees",
+                "error, mm", "s"]  # fmt: skip
+        return f"## {self.search.name.capitalize()}\n\n{markdown_table(head, rows)}"
+
+    def width(self, shares: Sequence[float]) -> float:
+        """The angle at which half of the searches find the place, between the measured ones along straight lines."""
+        before, more = 0.0, 1.0
+        for size, now in zip(self.sizes, shares, strict=True):
+            if now < 0.5:
+                return before + (size - before) * (more - 0.5) / (more - now)
+            before, more = size, now
+        return self.sizes[-1]
+
+    def picture(self) -> np.ndarray:
+        """Shares as colours, and beneath them what a camera sees at each level, by no filter and by EWA."""
+        search = self.search
+        values = [[self.share(way, size) for size in self.sizes] for way in WAYS]
+        chart = heat_chart(f"{search.name}: per cent that found the place, from so far off", [w.title for w in WAYS],
+                           [f"{size:g} degrees" for size in self.sizes], {"": values})  # fmt: skip
+        search.params["camera.to_world"] = search.pose(search.true)
+        search.params.update()
+        rows = []
+        for filter in ("bilinear", "ewa"):
+            seen = []
+            for part, _ in LEVELS:
+                n = round(search.pixels * part)
+                seen.append(np.array(rt.render(search.scene, spp=1, filter=filter, size=(n, n), progress=False)))
+            rows.append(np.concatenate([_shown(image) for image in (*seen, search.truth)], axis=1))
+        return stacked([chart, np.concatenate(rows)])
 
 
 def good(record: Record) -> bool:
     return record["degrees"] < FOUND[0] and record["metres"] < FOUND[1]
 
 
-def report(records: dict[str, Record], sizes: Sequence[int], directions: int, search: Search) -> str:
-    rows = []
-    for way in WAYS:
-        shares = [share(records, way, size, directions) for size in sizes]
-        enough = [s >= 0.5 for s in shares]
-        width = sizes[enough.index(False) - 1] if False in enough and enough[0] else sizes[-1] if all(enough) else 0
-        runs = [r for size in sizes for r in of(records, way, size, directions)]
-        errors = [r for r in runs if good(r)]
-        near = f"{statistics.median(r['degrees'] for r in errors):.3f}" if errors else ""
-        shift = f"{1000 * statistics.median(r['metres'] for r in errors):.1f}" if errors else ""
-        kind = way.levels if way.levels != "none" else "no"
-        gradients = "" if way.filter == "bilinear" else "yes" if way.footprints else "no"
-        seconds = statistics.median(r["seconds"] for r in runs)
-        rows.append([kind, way.filter, gradients, *(f"{100 * s:.0f}" for s in shares), f"{width}°", near, shift,
-                     f"{seconds:.2f}"])  # fmt: skip
-    head = ["levels", "filter", "footprint gradients", *(f"{s}°" for s in sizes), "width", "error, degrees",
-            "error, mm", "s"]  # fmt: skip
-    steps = search.steps * len(LEVELS)
-    said = (
-        f"{search.pixels} x {search.pixels} pixels, {steps} steps of Adam at one sample a pixel, {directions} "
-        f"directions for each distance: an angle of a turn, and that angle times {REACH:g} m of a shift. Per cent that "
-        f"came within {FOUND[0]}° and {1000 * FOUND[1]:g} mm; `width`, up to which at least half did; median errors of "
-        "those that did, and median seconds. Levels: `no`, every step compares whole images; `averaged`, means of "
-        "8 x 8, 4 x 4, 2 x 2 pixels and then whole images; `coarse`, renders of an eighth, a quarter and half the "
-        "pixels along a side, with footprints as much wider, and then whole ones.\n"
+def said(study: Study) -> str:
+    """What the tables show."""
+    search = study.search
+    return (
+        f"{search.pixels} x {search.pixels} pixels, {search.steps * len(LEVELS)} steps of Adam at one sample a pixel, "
+        f"{study.directions} directions for each distance: an angle of a turn, and that angle times {REACH:g} m of a "
+        f"shift. Per cent that came within {FOUND[0]}° and {1000 * FOUND[1]:g} mm, from there and from all nearer "
+        "beginnings in that direction; `width`, where half of them do; median errors of those that did, and median "
+        "seconds. Levels: `no`, every step compares whole images; `averaged`, means of 8 x 8, 4 x 4, 2 x 2 pixels and "
+        "then whole images; `coarse`, renders of an eighth, a quarter and half the pixels along a side, with "
+        "footprints as much wider, and then whole ones.\n"
     )
-    return f"# The place of a camera\n\n{said}\n" + markdown_table(head, rows)
 
 
-def picture(records: dict[str, Record], sizes: Sequence[int], directions: int, search: Search) -> np.ndarray:
-    """Shares as colours, and beneath them what a camera sees at each level, by no filter and by EWA."""
-    values = [[share(records, way, size, directions) for size in sizes] for way in WAYS]
-    columns = [f"{size} degrees" for size in sizes]
-    chart = heat_chart("per cent that found the place", [w.title for w in WAYS], columns,
-                       {"filter, with or without footprint gradients; how far off": values})  # fmt: skip
-    search.params["camera.to_world"] = search.pose(search.true)
-    search.params.update()
-    rows = []
-    for filter in ("bilinear", "ewa"):
-        seen = []
-        for part, _ in LEVELS:
-            n = round(search.pixels * part)
-            seen.append(np.array(rt.render(search.scene, spp=1, filter=filter, size=(n, n))))
-        rows.append(np.concatenate([_shown(image) for image in (*seen, search.truth)], axis=1))
-    strip = np.concatenate(rows)
-    sheet = np.full((len(chart) + len(strip), max(chart.shape[1], strip.shape[1]), 3), 255, np.uint8)
-    sheet[: len(chart), : chart.shape[1]] = chart
-    sheet[len(chart) :, : strip.shape[1]] = strip
-    return sheet
+def stacked(images: Sequence[np.ndarray]) -> np.ndarray:
+    """Images (H, W, 3) one below the other, on white."""
+    width = max(image.shape[1] for image in images)
+    return np.concatenate([np.pad(i, ((0, 0), (0, width - i.shape[1]), (0, 0)), constant_values=255) for i in images])
 
 
 def _shown(linear: np.ndarray, side: int = 128) -> np.ndarray:

@@ -1,8 +1,11 @@
-"""A room papered with dead leaves, in which every piece of wall looks unlike every other at every scale, and the
-camera in it as a function of six numbers."""
+"""Where cameras look for their place: a room papered with dead leaves, in which every piece of wall looks unlike every
+other at every scale, and the hall of the filters' figure, whose tiles are all alike and which is also seen in a mirror
+ball and through one of glass; and the camera as a function of six numbers."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +19,7 @@ import drjit as dr  # isort: skip  (after raytrace2, which chooses its libLLVM)
 #: Metres of a shift that weigh as much as a turn by one radian.
 REACH = 3.0
 
-#: Where the camera truly stands, and what it looks at.
+#: Where the room's camera truly stands, and what it looks at.
 ORIGIN, TARGET = (0.4, 0.0, 1.6), (-0.3, 7.0, 1.3)
 
 #: Half the width, half the depth and half the height of the room; its middle lies at (0, HALF[1] - 6, HALF[2]).
@@ -57,6 +60,19 @@ def room(size: int, texels: int = 512) -> rt.Scene:
             "bsdf": {"type": "twosided", "bsdf": {"type": "diffuse"}},
         }  # fmt: skip
     return rt.load_dict(scene)
+
+
+def hall(size: int) -> rt.Scene:
+    """The hall, which shines by itself, seen in ``size`` x ``size`` pixels."""
+    file = Path(__file__).parent.parent / "scenes" / "igehy_luminous.xml"
+    return rt.load_file(file, width=size, height=size, spp=1, sampler="stratified")
+
+
+#: How far off searches begin, in degrees (and as much times REACH in metres), and what makes the scene.
+SCENES: dict[str, tuple[tuple[float, ...], Callable[[int], rt.Scene]]] = {
+    "room": ((2, 4, 8, 12, 16, 24), room),
+    "hall": ((0.5, 1, 2, 4, 8), hall),
+}
 
 
 def leaves(texels: int, seed: int, count: int = 4000) -> np.ndarray:
