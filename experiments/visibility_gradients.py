@@ -2,9 +2,10 @@
 
     python experiments/visibility_gradients.py
 
-A cube, a ball and a disk over a floor, in the light of a small lamp, move to the right. Writes
-out/visibility_gradients.png (the image, then its derivative by that motion: differences of renders, with and without
-moving edges; red grows, blue shrinks) and out/visibility_gradients.md.
+A cube, a ball and a disk over a floor move to the right: in the light of a small lamp, under a sky, most of which
+sampled materials find, and in a bright room where light is scattered up to three times. Writes
+out/visibility_gradients.png (for each the image, then its derivative by that motion: differences of renders, with and
+without moving edges; red grows, blue shrinks) and out/visibility_gradients.md.
 """
 
 from __future__ import annotations
@@ -21,18 +22,15 @@ from tqdm import tqdm
 
 OUT = Path("out")
 SPP, DIFFERENCE_SPP, STEP = 64, 1024, 0.01
-SCENE = """<scene version="3.0.0"><integrator type="path"><integer name="max_depth" value="2"/></integrator>
+SCENE = """<scene version="3.0.0"><integrator type="path"><integer name="max_depth" value="{depth}"/></integrator>
 <sensor type="perspective"><float name="fov" value="40"/>
   <transform name="to_world"><lookat origin="0.5,-5,3.2" target="0,0,0.3" up="0,0,1"/></transform>
   <film type="hdrfilm"><integer name="width" value="240"/><integer name="height" value="160"/>
     <rfilter type="box"/></film>
 </sensor>
-<shape type="rectangle"><transform name="to_world"><scale value="4"/></transform></shape>
-<shape type="rectangle"><transform name="to_world"><scale value="0.35"/>
-  <lookat origin="-2,-1.5,4" target="0,0,0" up="0,1,0"/></transform>
-  <emitter type="area"><rgb name="radiance" value="60"/></emitter></shape>
+{around}
 <shape type="cube" id="cube"><boolean name="face_normals" value="true"/><transform name="to_world">
-  <scale value="0.4"/><rotate z="1" angle="30"/><translate x="-1" z="0.4"/></transform>
+  <scale value="0.4"/><rotate z="1" angle="30"/><translate x="-1" z="0.45"/></transform>
   <bsdf type="diffuse"><rgb name="reflectance" value="0.8,0.3,0.2"/></bsdf></shape>
 <shape type="sphere" id="ball"><transform name="to_world"><scale value="0.5"/>
   <translate x="0.3" y="0.3" z="0.8"/></transform>
@@ -41,6 +39,20 @@ SCENE = """<scene version="3.0.0"><integrator type="path"><integer name="max_dep
   <translate x="1.3" y="-0.3" z="0.7"/></transform>
   <bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0.4,0.7,0.3"/></bsdf></bsdf></shape>
 </scene>"""
+FLOOR = '<shape type="rectangle"><transform name="to_world"><scale value="4"/></transform></shape>'
+LAMP = """<shape type="rectangle"><transform name="to_world"><scale value="{}"/>
+  <lookat origin="-2,-1.5,4" target="0,0,0" up="0,1,0"/></transform>
+  <emitter type="area"><rgb name="radiance" value="{}"/></emitter></shape>"""
+SKY = '<emitter type="constant"><rgb name="radiance" value="2"/></emitter>'
+WALLS = """<shape type="cube"><boolean name="face_normals" value="true"/><transform name="to_world">
+  <scale x="4" y="5.5" z="2.5"/><translate z="2.5"/></transform><bsdf type="twosided"><bsdf type="diffuse">
+  <rgb name="reflectance" value="0.8"/></bsdf></bsdf></shape>"""
+#: How deep paths go, and what is around the things that move.
+PLACES = {
+    "a small lamp": (2, FLOOR + LAMP.format(0.35, 60)),
+    "a sky": (2, FLOOR + SKY),
+    "a room": (4, WALLS + LAMP.format(0.8, 8)),
+}
 
 
 def starts(params: Any) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -95,37 +107,48 @@ def signed(x: np.ndarray) -> np.ndarray:
     return (color * 255).astype(np.uint8)
 
 
+def blocks(x: np.ndarray) -> np.ndarray:
+    return x.mean(axis=2).reshape(20, 8, 30, 8).mean(axis=(1, 3))
+
+
+def error(x: np.ndarray, truth: np.ndarray) -> str:
+    rest = np.linalg.norm(blocks(x) - blocks(truth)) / np.linalg.norm(blocks(truth))
+    return f"{100 * rest:.1f} %"
+
+
 def main() -> None:
-    scene = rt.load_string(SCENE)
-    image = np.array(rt.render(scene, spp=256))
-    truth = differences(scene)
-    with_edges, slow = derivative(scene, True)
-    without, fast = derivative(scene, False)
-    strips = [
-        ("the image", (np.clip(image, 0, 1) ** (1 / 2.2) * 255).astype(np.uint8)),
-        (f"differences of renders, {DIFFERENCE_SPP} samples a pixel", signed(truth)),
-        (f"with visibility_gradients, {SPP} samples a pixel", signed(with_edges)),
-        ("without", signed(without)),
-    ]
+    rows, strips = [], []
+    for place, (depth, around) in PLACES.items():
+        scene = rt.load_string(SCENE.format(depth=depth, around=around))
+        image = np.array(rt.render(scene, spp=256))
+        truth = differences(scene)
+        with_edges, slow = derivative(scene, True)
+        without, fast = derivative(scene, False)
+        strips += [
+            (f"{place}: the image", (np.clip(image, 0, 1) ** (1 / 2.2) * 255).astype(np.uint8)),
+            (f"differences of renders, {DIFFERENCE_SPP} samples a pixel", signed(truth)),
+            (f"with visibility_gradients, {SPP} samples a pixel", signed(with_edges)),
+            ("without", signed(without)),
+        ]
+        rows += [
+            [place, "with", error(with_edges, truth), f"{with_edges.sum():.1f}", f"{slow / fast:.2f}"],
+            [place, "without", error(without, truth), f"{without.sum():.1f}", "1"],
+            [place, "differences", "", f"{truth.sum():.1f}", ""],
+        ]
     contact_sheet(OUT / "visibility_gradients.png", strips)
-
-    def blocks(x: np.ndarray) -> np.ndarray:
-        return x.mean(axis=2).reshape(20, 8, 30, 8).mean(axis=(1, 3))
-
-    def error(x: np.ndarray) -> str:
-        rest = np.linalg.norm(blocks(x) - blocks(truth)) / np.linalg.norm(blocks(truth))
-        return f"{100 * rest:.1f} %"
-
-    rows = [
-        ["with", error(with_edges), f"{with_edges.sum():.1f}", f"{slow / fast:.2f}"],
-        ["without", error(without), f"{without.sum():.1f}", "1"],
-        ["differences", "", f"{truth.sum():.1f}", ""],
+    head = [
+        "light of",
+        "moving edges",
+        "error of the derivative in blocks of 8 x 8 pixels",
+        "its sum over the image",
+        "time",
     ]
-    head = ["moving edges", "error of the derivative in blocks of 8 x 8 pixels", "its sum over the image", "time"]
     text = f"# A cube, a ball and a disk move to the right\n\n{markdown_table(head, rows)}\n"
     text += (
-        f"Forward mode, {SPP} samples a pixel and as many points of edges for silhouettes and for the shadows of each "
-        "group of curves; errors relative to central differences of renders, whose own noise is part of them.\n\n"
+        f"Forward mode, {SPP} samples a pixel and as many points of edges for silhouettes, for the shadows of each "
+        "group of curves and for what surfaces gather light from (half as many for each time that light was scattered "
+        "before); in the room light is scattered up to three times. Errors relative to central differences of renders, "
+        "whose own noise is part of them.\n\n"
         "![the image; differences; with; without](visibility_gradients.png)\n"
     )
     save_text(OUT / "visibility_gradients.md", text)

@@ -32,7 +32,8 @@ _OF_KIND: dict[type, tuple[int, ...]] = {
 class CurvePoint:
     """A point ``x`` of a curve and how it moves along it (``along``, per unit of the parameter), Array3f; ``inner``, a
     point of the surface that the curve bounds; ``hides`` Bool: as seen from the eye the surface ends there; ``bend``
-    Float: the sine of the angle between the surface's normals on either side, 1 where it ``hides``."""
+    Float: the sine of the angle between the surface's normals on either side, 1 where it ``hides`` or another mesh goes
+    on."""
 
     x: Any
     along: Any
@@ -57,7 +58,7 @@ class Curves:
                 places.append(surface.vertices)
             elif isinstance(surface, Quadric):
                 rounds += [(k, code, 0, NO_VERTEX) for code in _OF_KIND[type(surface)]]
-        edges, copies = _edges(faces, np.concatenate(places))
+        edges, copies, joins = _edges(faces, np.concatenate(places))
         self.edge_count = len(edges)
         self.count = self.edge_count + len(rounds)
         self._codes = sorted({code for _, code, _, _ in rounds})
@@ -67,6 +68,7 @@ class Curves:
         self._edges = dr.opaque(UInt, self.edge_count)
         shares = np.r_[1 / copies, np.ones(len(rounds))]
         self._shares = owned(shares, self.types.Float) if (copies > 1).any() else None
+        self._joins = owned(joins.astype(np.uint32), UInt) if joins.any() else None
 
     @staticmethod
     def of(geometry: Geometry, surfaces: Collection[int]) -> Curves | None:
@@ -82,7 +84,7 @@ class Curves:
         words = dr.gather(self.types.Array4u, self._words, index, active)
         parts = []
         if self.edge_count:
-            parts.append(self._on_edge(words, s, eye, active & (index < self._edges)))
+            parts.append(self._on_edge(index, words, s, eye, active & (index < self._edges)))
         if self._codes:
             parts.append(self._on_round(words, s, eye, active & (index >= self._edges)))
         point = parts[0]
@@ -132,7 +134,7 @@ class Curves:
         q = dr.gather(self.types.Array4f, self._shading.vertices, index, active)
         return self.types.Array3f(q.x, q.y, q.z)
 
-    def _on_edge(self, words: Any, s: Any, eye: Eye, active: Any) -> CurvePoint:
+    def _on_edge(self, index: Any, words: Any, s: Any, eye: Eye, active: Any) -> CurvePoint:
         lone = words.w == NO_VERTEX
         a, b, c = (self._vertex(k, active) for k in (words.x, words.y, words.z))
         d = self._vertex(words.w, active & ~lone)
@@ -149,6 +151,9 @@ class Curves:
         size = dr.norm(first) * dr.norm(second)
         bend = dr.norm(dr.cross(first, second)) / dr.select(size > 0, size, 1)
         bend = dr.select(active & (size > 0), bend, 0)
+        if self._joins is not None:
+            # What two meshes are made of may differ, however flat they join.
+            bend = dr.select(active & (dr.gather(self.types.UInt, self._joins, index, active) != 0), 1, bend)
         hides &= active
         return CurvePoint(dr.fma(along, s, a), along, dr.detach(c), hides, dr.select(hides, 1, bend))
 
@@ -168,16 +173,20 @@ class Curves:
         return first, second
 
 
-def _edges(faces: list[tuple[np.ndarray, int, int]], places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The edges of several meshes, each given by faces, its first vertex among ``places``, and that in the buffers."""
+def _edges(faces: list[tuple[np.ndarray, int, int]], places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The edges of several meshes, each given by faces, its first vertex among ``places``, and that in the buffers; how
+    many lie on one another; and where two meshes join."""
     if not faces:
-        return np.zeros((0, 4), np.uint32), np.zeros(0, np.int64)
+        return np.zeros((0, 4), np.uint32), np.zeros(0, np.int64), np.zeros(0, bool)
     corners = np.concatenate([f.astype(np.int64) + start for f, start, _ in faces])
     edges, copies = mesh_edges(corners, welded(places))
+    starts = [start for _, start, _ in faces]
+    mesh = np.searchsorted(starts, np.minimum(edges[:, 2:], len(places) - 1), side="right")
+    joins = (edges[:, 3] != NO_VERTEX) & (mesh[:, 0] != mesh[:, 1])
     numbers = np.zeros(len(places), np.uint32)
     for which, start, first in faces:
         count = int(which.max()) + 1
         numbers[start : start + count] = np.arange(first, first + count)
     known = edges != NO_VERTEX
     edges[known] = numbers[edges[known]]
-    return edges, copies
+    return edges, copies, joins

@@ -65,6 +65,28 @@ def test_area_of_a_triangle(tmp_path: Path) -> None:
     assert np.abs(without).max() < 1e-6
 
 
+def test_meshes_that_join(tmp_path: Path) -> None:
+    """Flat, of their own light each: what one mesh wins the other loses."""
+    corners = {"a": "v -.7 0 0\nv 0 -.6 0\nv .1 .6 0", "b": "v .7 0 0\nv .1 .6 0\nv 0 -.6 0"}
+    shapes = ""
+    for name, radiance in (("a", 1), ("b", 3)):
+        (tmp_path / name).with_suffix(".obj").write_text(corners[name] + "\nf 1 2 3\n")
+        shapes += f"""<shape type="obj" id="{name}"><string name="filename" value="{tmp_path / name}.obj"/>
+            {GLOW.replace('"2"', f'"{radiance}"')}</shape>"""
+    params = rt.traverse(scene := load(ABOVE, shapes), "float64")
+    for name in "ab":
+        key = f"{name}.vertex_positions"
+        x = np.array(params[key].numpy()).reshape(-1, 3)
+        params[key] = x.ravel()
+        dr.enable_grad(params[key])
+        moved = np.column_stack([np.abs(x[:, 1]) > 0.3, np.zeros((3, 2))])
+        dr.set_grad(params[key], type(params[key])(moved.ravel()))
+    params.update()
+    image = rt.render(scene, params, spp=64, visibility_gradients=True)
+    dr.forward_to(image)
+    assert np.array(dr.grad(image)).sum() == pytest.approx((1 - 3) * 0.6 * 3 * (SIZE / 2) ** 2, rel=5e-3)
+
+
 @pytest.mark.parametrize("kind, precision", [("disk", "float32"), ("sphere", "float64")])
 def test_radius(kind: str, precision: str) -> None:
     shape = f"""<shape type="{kind}" id="m"><transform name="to_world"><scale value="0.6"/>
