@@ -46,12 +46,13 @@ WAYS: tuple[tuple[str, tuple[str, str] | None], ...] = (
     ("EWA" + LEVELS, ("ewa", "autodiff")),
     ("EWA" + FROZEN, ("ewa", "autodiff")),
     ("16 probes", ("probes", "autodiff")),
+    ("16 probes" + FROZEN, ("probes", "autodiff")),
     ("exact", ("exact", "autodiff")),
     ("exact" + LEVELS, ("exact", "autodiff")),
     ("exact" + FROZEN, ("exact", "autodiff")),
 )
 #: Those in the picture.
-SHOWN = ("Mitsuba prb", "bilinear", "trilinear", "EWA, frozen", "16 probes", "exact, frozen")
+SHOWN = ("Mitsuba prb", "bilinear", "trilinear", "EWA, frozen", "16 probes, frozen", "exact, frozen")
 #: (samples a pixel, learning rate)
 MITSUBA_SETTINGS = ((4, 0.02), (16, 0.03))
 OUR_SETTINGS = ((1, 0.03), (1, 0.08))
