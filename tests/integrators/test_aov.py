@@ -188,6 +188,9 @@ def test_aovs_by_name() -> None:
     for wrong in ("aov:depth,depth", "aov:n:position,n:sh_normal", "aov::depth"):
         with pytest.raises(rt.SettingError, match="names that differ"):
             rt.render(loaded, integrator=wrong)
+    for pairs in ((), (("a", "dept"),), (("a", "depth"), ("a", "depth"))):
+        with pytest.raises(rt.SettingError, match="kinds are: albedo, depth|names that differ"):
+            rt.render(loaded, integrator=Integrator("aov", aovs=pairs))
 
 
 def test_scenes_may_ask_for_every_kind() -> None:
