@@ -68,7 +68,7 @@ def main() -> int:
             forward, backward = seconds(scenes[case.scene], case, filter, differentials, options)
             cells.append(f"{backward / forward:.2f} ({1000 * forward:.0f} ms)")
         rows.append([case.title, f"{case.limit:g}", *cells])
-    head = ["scene and parameter", "asked: at most", *(name for name, _ in FILTERS)]
+    head = ["scene and parameter", "at most", *(name for name, _ in FILTERS)]
     said = (
         f"Backward over forward time, and in brackets the forward pass; {options.samples} samples a pixel. With what "
         "moves, footprints have gradients too.\n"

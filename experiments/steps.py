@@ -3,10 +3,10 @@
     python experiments/steps.py [--only WORD ...] [--steps 200] [--long 1000] [-o out/steps.md]
 
 Each case renders an image of a few pixels, takes a gradient and makes a step of Adam, so many times; where steps are
-quick it goes on to the long run. Counted are the kernels that Dr.Jit had to compile or to
-read from its cache on the disk, in the first two steps and in all
-later ones, the arrays that are alive after a step, and the memory of the process. Cases that are done are resumed as
-long as the program is the same. Exit status 1 if a later step compiled anything.
+quick it goes on to the long run. Counted are the kernels that Dr.Jit had to compile or to read from its cache on the
+disk, in the first two steps and in all later ones, the arrays that are alive after a step, and the memory of the
+process. Cases that are done are not done again as long as the program is the same. Exit status 1 if a later step
+compiled anything.
 """
 
 from __future__ import annotations
@@ -167,10 +167,12 @@ CASES = (
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n\n")[0])
     parser.add_argument("--only", nargs="*", default=[], help="cases with any of these words")
-    parser.add_argument("--steps", type=int, default=200, help="steps of each case (default 200)")
+    parser.add_argument("--steps", type=int, default=200, help="steps of each case, 100 or more (default 200)")
     parser.add_argument("--long", type=int, default=1000, help="steps where they are quick (default 1000)")
     parser.add_argument("-o", "--out", type=Path, default=Path("out/steps.md"))
     options = parser.parse_args()
+    if options.steps < 100:
+        parser.error("memory is measured at step 100: --steps must be 100 or more")
     stored = options.out.with_suffix(".json")
     version = f"{code_digest()} {options.steps} {options.long}"
     known = read_json(stored) or {}

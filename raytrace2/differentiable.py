@@ -19,7 +19,7 @@ from .fixed_order import ordered
 from .integrators.replay import LONGEST, Replay, aov_again, direct_again, path_backward, path_forward
 from .job import Job
 from .live import Slot, bound
-from .parameters.fields import converted
+from .parameters.coercion import converted
 from .private_sums import private_sums
 from .rays.differentials import Differentials, RayDifferential, make_differentials
 from .rays.ray import Ray

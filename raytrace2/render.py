@@ -13,7 +13,7 @@ import drjit as dr
 from .arguments import whole_number
 from .differentiable import differentiable, unlike
 from .errors import SettingError
-from .integrators.aov import parse_aovs
+from .integrators.aov import check_aovs, parse_aovs
 from .job import RADIANCE, Choices, Job
 from .parameters.scene_parameters import SceneParameters
 from .render_arguments import (
@@ -245,17 +245,23 @@ def choose_camera(scene: Scene, sensor: int, size: tuple[int, int] | None) -> Ca
 
 
 def choose_integrator(scene: Scene, integrator: Integrator | str | None) -> Integrator:
-    """The scene's integrator, or the one asked for by name or in full."""
+    """The scene's integrator, or the one asked for by name or in full; ``SettingError`` for names and aovs that there
+    are not."""
     if integrator is None:
-        return scene.description.integrator
-    if isinstance(integrator, str):
+        found = scene.description.integrator
+    elif isinstance(integrator, Integrator):
+        found = integrator
+    else:
         kind, _, listed = integrator.partition(":")
         if kind == "aov":
-            return Integrator("aov", aovs=parse_aovs(listed))
-        if integrator not in RADIANCE:
+            found = Integrator("aov", aovs=parse_aovs(listed))
+        elif integrator in RADIANCE:
+            found = Integrator(kind=integrator)  # type: ignore[arg-type]
+        else:
             raise SettingError(f"unknown integrator {integrator!r}: there are {', '.join(RADIANCE)} and aov:KIND,KIND")
-        return Integrator(kind=integrator)  # type: ignore[arg-type]
-    return integrator
+    if found.kind == "aov":
+        check_aovs(found.aovs)
+    return found
 
 
 def _bar(progress: bool | None, passes: int) -> Any:

@@ -31,7 +31,7 @@ LAYERS = (
     ("textures",),
     ("materials",),
     ("lights",),
-    ("parameters.fields", "parameters.store"),
+    ("parameters.coercion", "parameters.fields", "parameters.store"),
     ("scene.scene", "scene.traced", "scene.procedural"),
     ("parameters",),
     ("reconstruction", "film"),

@@ -19,7 +19,6 @@ from .round_curves import Eye
 
 #: Of so many curves one is taken that ends a surface as seen from the light.
 _CANDIDATES = 16
-_NEAR = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +91,7 @@ def cast(job: Job, casting: Casting, sampler: Any, count: int, first: int, total
     beside = point.x + outwards * (largest * (film_side.SHADOW_CLEARANCE * t.epsilon))
     ray = ray_past(eye, beside, largest, t.epsilon)
     if not eye.parallel:
-        active &= ~structure.occluded(Ray.of(ray.o, ray.d, _NEAR, 1 - _NEAR), active)
+        active &= ~structure.occluded(Ray.of(ray.o, ray.d, film_side.NEAR, 1 - film_side.NEAR), active)
     hit = structure.intersect(ray, active)
     dr.eval(hit, ray)
     si = structure.interact(ray, hit)

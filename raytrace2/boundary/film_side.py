@@ -1,4 +1,4 @@
-"""Steps from a curve on the film to either side of it, so large that rounding takes neither across."""
+"""Steps from a curve, on the film or elsewhere, to either side of it, so large that rounding takes neither across."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from ..rays.film_map import FilmMap
 #: they are steps by the root of their size; and across shadows, to which rays go by a surface.
 CLEARANCE = 32
 SHADOW_CLEARANCE = 256
+#: Of the way to a curve, how much of its end is not searched for what hides it, and how far from it what is met there
+#: may be. What lies there and hides both sides is found when the light of both is the same.
+NEAR = 0.01
 
 
 def across(film: Film, tangent: tuple[Any, Any]) -> tuple[Any, Any]:

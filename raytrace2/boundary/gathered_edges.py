@@ -29,7 +29,6 @@ from .walk import Walk, per_sample, walk
 
 #: Of so many points of curves one is taken, by what it may bring.
 _CANDIDATES = 16
-_NEAR = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +86,7 @@ def gathered_edges(
     step = step * (reach * (film_side.SHADOW_CLEARANCE * t.epsilon))
     if not scene.materials.has_null:
         way = si.spawn_ray(offset)
-        active &= ~structure.occluded(Ray.of(way.o, way.d, 0, 1 - _NEAR), active)
+        active &= ~structure.occluded(Ray.of(way.o, way.d, 0, 1 - film_side.NEAR), active)
     across = across * (weight * per_sample(job, total))
     dr.eval(active, across, step)
 

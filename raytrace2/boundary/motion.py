@@ -31,8 +31,13 @@ _BOUNCES = 6
 
 
 class Boundary:
-    """The moving edges in the image of ``job``, by ``samples`` points of them (0: as many as the image has samples),
-    where the values of ``slots`` carry derivatives. ``SettingError`` for scenes that have instances."""
+    """The moving edges in the image of ``job``, where the values of ``slots`` carry derivatives. ``SettingError`` for
+    scenes that have instances.
+
+    ``samples`` (0: as many as the image has) points are taken of edges on the film, of those in the shadows of each
+    group of curves by each kind of light, and of those that each group gives to gathered light: half as many for each
+    time that the light is scattered on.
+    """
 
     def __init__(self, job: Job, slots: Sequence[Slot], samples: int) -> None:
         geometry = job.traced.structure.geometry

@@ -13,8 +13,6 @@ from .casting import Casting, cast, material_share
 from .crossings import Crossings
 from .walk import Walk, per_sample, walk
 
-_NEAR = 0.01
-
 
 def scattered_shadows(
     job: Job, casting: Casting, bounces: int, seed: Any, count: int, first: int, total: int
@@ -41,12 +39,12 @@ def scattered_shadows(
     on_surface = way - offset * (dr.dot(far.n, way) / dr.select(active, tilt, 1))
     reach = dr.fmax(film_side.reach(si.p), shadow.reach) + si.p_error * (1 / t.epsilon)
     length = film_side.clear_of_rounding(on_surface, shadow.plane, reach, film_side.SHADOW_CLEARANCE * t.epsilon)
-    active &= length < _NEAR * distance
+    active &= length < film_side.NEAR * distance
     between = si.spawn_ray(offset)
-    active &= ~structure.occluded(Ray.of(between.o, between.d, 0, 1 - _NEAR), active)
+    active &= ~structure.occluded(Ray.of(between.o, between.d, 0, 1 - film_side.NEAR), active)
     held = si.spawn_ray(offset / distance)
     hit = structure.intersect(held, active)
-    active &= hit.valid & (dr.abs(hit.t - distance) < distance * _NEAR)
+    active &= hit.valid & (dr.abs(hit.t - distance) < distance * film_side.NEAR)
     step = way * length
     dr.eval(active, step, across, held, hit)
 

@@ -14,8 +14,6 @@ from .casting import Casting, cast, material_share
 from .crossings import Crossings, random_numbers, twice
 from .light_points import LightKind
 
-_NEAR = 0.01
-
 
 def shadow_edges(job: Job, casting: Casting, seed: Any, count: int, first: int, total: int) -> Crossings:
     """The samples ``first`` to ``first + count`` of ``total``, drawn from ``seed``."""
@@ -48,7 +46,7 @@ def shadow_edges(job: Job, casting: Casting, seed: Any, count: int, first: int, 
     hidden = t.Bool(True) if job.settings.hide_emitters else None
     first_hit = StructureTracing(job.traced).closest(seen, active, hidden)
     far = dr.dot(si.p - seen.o, seen.d)
-    active &= first_hit.valid & (dr.abs(first_hit.t - far) < far * _NEAR)
+    active &= first_hit.valid & (dr.abs(first_hit.t - far) < far * film_side.NEAR)
     dr.eval(at, step, size, across, active, first_hit)
 
     # The light of that same point of the light on either side.

@@ -16,10 +16,6 @@ from .crossings import Crossings, random_numbers, twice
 from .curves import Curves
 from .round_curves import Eye
 
-#: Of the way to a curve, how much of its end is not searched for what hides it. What lies there and hides both sides
-#: is found when the radiance of both is the same.
-_NEAR = 0.01
-
 
 def view_choice(job: Job, curves: Curves) -> Choice:
     """Curves by about how long they are on the film; those beside it have no chance."""
@@ -75,7 +71,7 @@ def silhouettes(job: Job, curves: Curves, choice: Choice, seed: Any, count: int,
     size = film_side.clear_of_rounding(way, plane, reach, film_side.CLEARANCE * t.epsilon)
     active &= dr.isfinite(size)
     ray = camera.sample_ray(t.Array2f(*at), aperture)
-    far = dr.dot(point.x - ray.o, ray.d) * (1 - _NEAR)
+    far = dr.dot(point.x - ray.o, ray.d) * (1 - film_side.NEAR)
     if not job.traced.materials.has_null:
         active &= ~job.traced.structure.occluded(Ray.of(ray.o, ray.d, 0, far), active)
     dr.eval(at, step, size, across, active)

@@ -25,7 +25,8 @@ from .crossings import random_numbers
 class Walk:
     """Where a path from the film position ``at`` (Array2f) is after some bounces: the last ray's ``hit`` and
     ``meeting``, the ``material`` there, the ``throughput`` (Array3f) up to there and the ray's ``differential``, where
-    ``active``; all without derivatives. ``moving`` gives the ray with derivatives, for the same random numbers."""
+    ``active``; all without derivatives. ``moving`` gives that ray with derivatives, for the same random numbers, along
+    directions that stay where smooth lobes sent them."""
 
     at: Any
     hit: Hit

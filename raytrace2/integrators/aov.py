@@ -48,15 +48,22 @@ FOOTPRINTS = ("duv_dx", "duv_dy")
 
 
 def parse_aovs(text: str) -> tuple[tuple[str, str], ...]:
-    """The (name, kind) pairs of ``"depth,n:sh_normal"``: kinds, with names where these are others. ``SettingError`` for
-    what is no kind."""
+    """The (name, kind) pairs of ``"depth,n:sh_normal"``: kinds, with names where these are others."""
     tokens = text.replace(",", " ").split()
-    pairs = tuple((name, kind if colon else name) for name, colon, kind in (token.partition(":") for token in tokens))
-    unknown = [kind for _, kind in pairs if kind not in CHANNELS]
-    if unknown or not pairs:
+    return tuple((name, kind if colon else name) for name, colon, kind in (token.partition(":") for token in tokens))
+
+
+def check_aovs(aovs: tuple[tuple[str, str], ...]) -> None:
+    """``SettingError`` if there are none, for what is no kind, and where channels would have no names, or the same
+    ones."""
+    unknown = [kind for _, kind in aovs if kind not in CHANNELS]
+    if unknown or not aovs:
         wrong = f"there is no aov {unknown[0]!r}" if unknown else "no aovs are listed"
         raise SettingError(f"{wrong}; kinds are: {', '.join(CHANNELS)}")
-    return pairs
+    channels = [f"{name}.{suffix}" for name, kind in aovs for suffix in CHANNELS[kind]]
+    if not all(name for name, _ in aovs) or len(set(channels)) < len(channels):
+        found = ",".join(map(":".join, aovs))
+        raise SettingError(f"aovs need names that differ, such as a:depth,b:depth; not {found}")
 
 
 def channel_names(settings: Integrator) -> list[str]:

@@ -69,7 +69,8 @@ class SphereLights:
         return dr.select(outside, cone, result)
 
     def inverse(self, p: Any, index: Any, hit: Any, active: Any) -> Any:
-        """The ``u`` for which :meth:`sample` from ``p`` finds the point ``hit`` of light ``index``."""
+        """The ``u`` for which :meth:`sample` from ``p`` finds the point ``hit`` of light ``index``, or, where
+        the sphere itself hides that from ``p``, the point that hides it."""
         center, radius, sign = self.sphere(index, active)
         axis, _, outside, span, _ = _cone(p, center, radius, sign)
         d, _ = towards(p, hit)

@@ -13,7 +13,7 @@ from ..buffers import apart
 from ..errors import SettingError
 from ..scene.scene import Scene
 from ..types import types
-from .fields import converted
+from .coercion import converted
 from .names import Parameter, parameters
 
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from ..live import Live, Place, Values
 from ..types import Types
-from .fields import Field, converted
+from .coercion import converted
+from .fields import Field
 
 
 @dataclass

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import drjit as dr
@@ -165,7 +166,7 @@ def test_counts_have_no_derivatives() -> None:
 
 @pytest.mark.parametrize("key", ["ball.to_world", "sensor.to_world"])
 def test_edges_move(key: str) -> None:
-    """Against differences of images of many samples; uv has a seam, and normals have creases, that are not seen."""
+    """Against differences of images of many samples."""
     scene = rt.load_dict(ball_before_a_wall())
     params = rt.traverse(scene, "float64")
     nested = Integrator("direct", bsdf_samples=0)
@@ -187,6 +188,37 @@ def test_edges_move(key: str) -> None:
         a, b = found[..., channels], expected[..., channels]
         assert np.linalg.norm(a - b) < 0.04 * np.linalg.norm(b)
     assert not found[..., 8].any()
+
+
+def test_creases_move(tmp_path: Path) -> None:
+    """Those of a roof, smooth or not: faces jump where normals that are interpolated do not."""
+    corners = ["-.7 -.6 0", ".03 -.6 .4", ".03 .6 .4", "-.7 .6 0", ".7 -.6 0", ".7 .6 0"]
+    faces = ["1//1 2//1 3//1", "1//1 3//1 4//1", "2//1 5//1 6//1", "2//1 6//1 3//1"]
+    rows = [*(f"v {c}" for c in corners), "vn 0 0 1", *(f"f {f}" for f in faces)]
+    (tmp_path / "roof.obj").write_text("\n".join(rows) + "\n")
+    film = {"type": "hdrfilm", "width": 8, "height": 8, "rfilter": {"type": "box"}}
+    look = mitsuba().ScalarTransform4f().look_at([0, 0, 5], [0, 0, 0], [0, 1, 0])
+    scene = rt.load_dict({
+        "type": "scene",
+        "sensor": {"type": "orthographic", "to_world": look, "film": film},
+        "roof": {"type": "obj", "filename": str(tmp_path / "roof.obj")},
+    })  # fmt: skip
+    params, key, step, ends = rt.traverse(scene, "float64"), "roof.vertex_positions", 0.02, []
+    start, how = flat(params[key]), "aov:geo_normal,sh_normal,depth"
+    change = np.tile([1.0, 0.0, 0.0], len(start) // 3)
+    for sign in (-1, 1):
+        params[key] = start + sign * step * change
+        params.update()
+        ends.append(rt.render(scene, params, integrator=how, spp=4096, seed=1).numpy())
+    params[key] = start
+    dr.enable_grad(params[key])
+    dr.set_grad(params[key], type(params[key])(change))
+    params.update()
+    image = rt.render(scene, params, integrator=how, spp=1, spp_grad=1024, seed=5, visibility_gradients=True)
+    found, expected = dr.forward_to(image).numpy(), (ends[1] - ends[0]) / (2 * step)
+    for channels in (slice(0, 3), slice(3, 6), slice(6, 7)):
+        a, b = found[..., channels], expected[..., channels]
+        assert np.linalg.norm(a - b) < 0.05 * np.linalg.norm(b)
 
 
 def ball_before_a_wall() -> dict[str, Any]:

@@ -159,34 +159,15 @@ def test_memory_that_pytorch_writes_into_is_not_the_scenes() -> None:
     assert np.array_equal(found[0][1], found[1][1])
 
 
-def test_a_loss_of_pytorch_of_a_render() -> None:
-    torch = pytest.importorskip("torch")
+@pytest.mark.parametrize(("framework", "module"), [("torch", "torch"), ("jax", "jax.numpy")])
+def test_a_loss_of_another_framework(framework: str, module: str) -> None:
+    other = pytest.importorskip(module)
     scene = scenes.load()
     params = rt.traverse(scene)
 
-    @dr.wrap(source="drjit", target="torch")
+    @dr.wrap(source="drjit", target=framework)
     def loss_of(image: Any) -> Any:
-        return torch.mean((image - 0.2) ** 2)
-
-    x = type(params[KEY])(START)
-    dr.enable_grad(x)
-    params[KEY] = 1 / (1 + dr.exp(-x))
-    params.update()
-    loss = loss_of(rt.render(scene, params, **HOW))
-    dr.backward(loss)
-    value, gradient = by_dr_jit_alone()
-    assert float(np.asarray(loss.array.numpy()).ravel()[0]) == pytest.approx(value, rel=1e-5)
-    np.testing.assert_allclose(dr.grad(x).numpy(), gradient, rtol=1e-3, atol=1e-5 * np.abs(gradient).max())
-
-
-def test_a_loss_of_jax_of_a_render() -> None:
-    jnp = pytest.importorskip("jax.numpy")
-    scene = scenes.load()
-    params = rt.traverse(scene)
-
-    @dr.wrap(source="drjit", target="jax")
-    def loss_of(image: Any) -> Any:
-        return jnp.mean((image - 0.2) ** 2)
+        return other.mean((image - 0.2) ** 2)
 
     x = type(params[KEY])(START)
     dr.enable_grad(x)

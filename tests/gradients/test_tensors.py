@@ -77,6 +77,19 @@ def test_what_would_lose_derivatives_is_refused() -> None:
             params[key] = given
 
 
+@pytest.mark.parametrize("key", KEYS)
+def test_derivatives_of_other_frameworks_are_refused_by_name(key: str) -> None:
+    class Tensor:
+        """As PyTorch's, which gives no array while it carries derivatives."""
+
+        def __array__(self, *_: Any, **__: Any) -> np.ndarray:
+            raise RuntimeError("Can't call numpy() on Tensor that requires grad.")
+
+    params = rt.traverse(scenes.load())
+    with pytest.raises(rt.SettingError, match=f"{key}: a Tensor loses its derivatives here: .* dr.wrap"):
+        params[key] = Tensor()
+
+
 @pytest.mark.parametrize("key", ["floor.bsdf.reflectance.data", "box.vertex_positions"])
 def test_the_memory_of_a_parameter_is_its_own(key: str) -> None:
     """Dr.Jit shares that of NumPy's arrays."""

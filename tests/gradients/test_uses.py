@@ -188,6 +188,25 @@ def test_renders_without_derivatives() -> None:
     assert not dr.grad_enabled(rt.render(scene))
 
 
+@pytest.mark.parametrize("depth", [0, 1, 2])
+def test_no_path_is_too_long_for_its_own_bound(depth: int, recwarn: pytest.WarningsRecorder) -> None:
+    scene, params = start(integrator={"type": "path", "max_depth": depth})
+    dr.backward(loss(rt.render(scene, params)))
+    assert not [str(warning.message) for warning in recwarn]
+    assert gradient(params).any() == (depth > 1)
+
+
+def test_paths_that_are_too_long_are_told() -> None:
+    around = {"type": "sphere", "radius": 9.0, "flip_normals": True, "bsdf": {"type": "diffuse", "reflectance": 1.0}}
+    parts = {name: scenes.scene_dict()[name] for name in ("type", "sensor", "lamp")}
+    endless = {"type": "path", "max_depth": -1, "rr_depth": 1000}
+    scene = rt.load_dict({**parts, "around": around, "integrator": endless})
+    params = rt.traverse(scene)
+    dr.enable_grad(params["around.bsdf.reflectance.value"])
+    with pytest.warns(RuntimeWarning, match="paths were longer than 256 bounces"):
+        dr.backward(loss(rt.render(scene, params, spp=1)))
+
+
 def test_what_is_refused() -> None:
     scene, params = start()
     for wrong in (start()[1], {TEXELS: params[TEXELS]}):

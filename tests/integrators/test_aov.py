@@ -23,8 +23,10 @@ from render_cases import (
 )
 
 import raytrace2 as rt
+from raytrace2.integrators.aov import CHANNELS
 from raytrace2.render import render_detailed
 from raytrace2.scene.description import Integrator
+from raytrace2.scene.read_integrators import AOV_KINDS
 
 KINDS = "albedo depth position uv geo_normal sh_normal dp_du dp_dv duv_dx duv_dy prim_index shape_index".split()
 
@@ -183,3 +185,13 @@ def test_aovs_by_name() -> None:
     for wrong in ("aov", "aov:", "aov:dept", "aov:z:dept"):
         with pytest.raises(rt.SettingError, match="kinds are: albedo, depth"):
             rt.render(loaded, integrator=wrong)
+    for wrong in ("aov:depth,depth", "aov:n:position,n:sh_normal", "aov::depth"):
+        with pytest.raises(rt.SettingError, match="names that differ"):
+            rt.render(loaded, integrator=wrong)
+    for pairs in ((), (("a", "dept"),), (("a", "depth"), ("a", "depth"))):
+        with pytest.raises(rt.SettingError, match="kinds are: albedo, depth|names that differ"):
+            rt.render(loaded, integrator=Integrator("aov", aovs=pairs))
+
+
+def test_scenes_may_ask_for_every_kind() -> None:
+    assert AOV_KINDS == tuple(CHANNELS)

@@ -1,7 +1,7 @@
 """Derivatives of aovs: what is at the first hit of each ray, met anew with derivatives attached.
 
-Of where aovs jump, silhouettes can be told (:mod:`raytrace2.boundary`), for ``shape_index`` too. Not told are seams of
-uv, and edges between faces of a smooth mesh, where ``geo_normal``, ``dp_du`` and ``dp_dv`` jump though colours do not.
+Of where aovs jump, silhouettes and creases can be told (:mod:`raytrace2.boundary`), for ``shape_index`` too. Not told
+are seams of uv, and edges between faces in one plane, where ``dp_du`` and ``dp_dv`` may jump though normals do not.
 """
 
 from __future__ import annotations

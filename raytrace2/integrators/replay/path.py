@@ -79,7 +79,8 @@ def path_backward(
     :func:`moving_parts` orders them), and how many paths were longer than what is remembered (UInt, on the device).
     """
     t, limits, tracing = scene.types, Limits.of(scene, settings), StructureTracing(scene)
-    length = min(settings.max_depth, LONGEST) if settings.max_depth >= 0 else LONGEST
+    # Paths of no depth have a first bounce, too, which counts for nothing.
+    length = min(max(settings.max_depth, 1), LONGEST) if settings.max_depth >= 0 else LONGEST
     state = start(scene, settings, ray, True, differential)
     keeps = replay.through is not None or _filters_light(scene)
     with dr.suspend_grad(replay.values):
