@@ -261,6 +261,9 @@ def choose_integrator(scene: Scene, integrator: Integrator | str | None) -> Inte
             raise SettingError(f"unknown integrator {integrator!r}: there are {', '.join(RADIANCE)} and aov:KIND,KIND")
     if found.kind == "aov":
         check_aovs(found.aovs)
+    light = found.nested if found.kind == "aov" else found
+    if light is not None and light.kind not in RADIANCE:
+        raise SettingError(f"no integrator {light.kind!r} finds light: there are {', '.join(RADIANCE)}")
     return found
 
 

@@ -56,5 +56,7 @@ def _write(output: Path, scene: Any, rendering: Any, options: dict[str, Any]) ->
     if output.suffix.lower() == ".exr":
         write_exr(output, image, rendering.channels, provenance(scene, rendering, options))
     else:
-        color = image[..., :3] if image.shape[2] >= 3 else np.repeat(image[..., :1], 3, axis=2)
-        write_png(output, color)
+        count = 3 if image.shape[2] >= 3 else 1
+        write_png(output, image[..., :count])
+        if left := rendering.channels[count:]:
+            print(f"{output}: without {', '.join(left)}: a name that ends in .exr keeps them", file=sys.stderr)

@@ -195,3 +195,12 @@ def test_aovs_by_name() -> None:
 
 def test_scenes_may_ask_for_every_kind() -> None:
     assert AOV_KINDS == tuple(CHANNELS)
+
+
+def test_integrators_that_there_are_not_are_refused() -> None:
+    scene = rt.load_dict({"type": "scene", "camera": {"type": "perspective"}, "ball": {"type": "sphere"}})
+    depth = (("depth", "depth"),)
+    unknown: Any = Integrator("photons")  # type: ignore[arg-type]
+    for integrator in (unknown, Integrator("aov", aovs=depth, nested=Integrator("aov", aovs=depth))):
+        with pytest.raises(rt.SettingError, match="finds light: there are path, direct"):
+            rt.render(scene, integrator=integrator)
