@@ -169,9 +169,8 @@ def test_ci_runs_the_readmes_own_test_command() -> None:
 
 def test_a_png_says_which_channels_it_has_no_room_for(tmp_path: Path) -> None:
     out = tmp_path / "grazing.png"
-    ran = command(
-        "render", "scenes/grazing_floor.xml", "-o", str(out), "--spp", "1", "--size", "4x4", "--integrator", "aov:depth,sh_normal"
-    )  # fmt: skip
+    words = "--spp 1 --size 4x4 --integrator aov:depth,sh_normal".split()
+    ran = command("render", "scenes/grazing_floor.xml", "-o", str(out), *words)
     assert ran.returncode == 0, ran.stderr
     assert out.read_bytes().startswith(b"\x89PNG")
     assert f"{out}: without sh_normal.Z" in ran.stderr
