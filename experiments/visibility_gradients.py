@@ -148,8 +148,7 @@ def main() -> None:
         f"Forward mode, {SPP} samples a pixel and as many points of edges for silhouettes, for the shadows of each "
         "group of curves and for what surfaces gather light from (half as many for each time that light was scattered "
         "before); in the room light is scattered up to three times. Errors relative to central differences of renders, "
-        "whose own noise is part of them.\n\n"
-        "![the image; differences; with; without](visibility_gradients.png)\n"
+        "whose own noise is part of them.\n"
     )
     save_text(OUT / "visibility_gradients.md", text)
     print(text)
