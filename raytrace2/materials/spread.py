@@ -84,14 +84,22 @@ class Spread:
         a, c = dr.fma(alpha_u, alpha_u, 2 * self.xx), dr.fma(alpha_v, alpha_v, 2 * self.yy)
         b = 2 * self.xy
         half_sum, half_difference = 0.5 * (a + c), 0.5 * (a - c)
-        radius = dr.safe_sqrt(half_difference * half_difference + b * b)
-        round_ = radius <= 1e-6 * half_sum
-        inverse = dr.rcp(dr.select(round_, 1, radius))
-        # Smaller ones follow from larger ones: as differences they would lose their digits.
-        larger = dr.sqrt(0.5 + 0.5 * dr.select(round_, 1, dr.abs(half_difference) * inverse))
-        smaller = dr.select(round_, 0, 0.5 * b * inverse) / larger
-        along = round_ | (half_difference >= 0)
-        cosine, sine = dr.select(along, larger, smaller), dr.select(along, smaller, larger)
+        squared = half_difference * half_difference + b * b
+        round_ = squared <= 1e-12 * half_sum * half_sum
+        # Safe roots have no derivatives below Dr.Jit's epsilon, where spreads often lie.
+        radius = dr.sqrt(dr.select(round_, 1, squared))
+        with dr.suspend_grad():
+            inverse = dr.rcp(radius)
+            # Smaller ones follow from larger ones: as differences they would lose their digits.
+            larger = dr.sqrt(0.5 + 0.5 * dr.select(round_, 1, dr.abs(half_difference) * inverse))
+            smaller = dr.select(round_, 0, 0.5 * b * inverse) / larger
+            along = round_ | (half_difference >= 0)
+            cosine, sine = dr.select(along, larger, smaller), dr.select(along, smaller, larger)
+        if dr.grad_enabled(half_difference, b):
+            # So would the derivatives of cosine and sine, each by itself: they are those of a turn.
+            way = dr.detach(half_difference) * b - dr.detach(b) * half_difference
+            angle = dr.replace_grad(dr.zeros(type(b)), dr.select(round_, 0, 0.5 * way * inverse * inverse))
+            cosine, sine = cosine - sine * angle, sine + cosine * angle
         # A round one keeps its axes, so that no spread changes nothing.
         first = dr.select(round_, a, half_sum + radius)
         second = dr.select(round_, c, dr.fma(a, c, -b * b) / first)

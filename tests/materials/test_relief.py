@@ -178,6 +178,19 @@ def test_axes_of_a_spread_keep_their_digits(xy: float) -> None:
     assert found[0] == pytest.approx(found[1], rel=1e-5)
 
 
+@pytest.mark.parametrize(("unlike", "xy"), [(1e-4, 1e-6), (1e-5, 1e-7), (1e-6, 1e-5)])
+def test_derivatives_of_spreads_that_are_nearly_round(unlike: float, xy: float) -> None:
+    """Put together again, axes are the covariance that they are the axes of, and so are their derivatives."""
+    t = types("float32")
+    for entry, expected in enumerate([(2, 0, 0), (0, 2, 0), (0, 0, 2)]):
+        given = [t.Float(0.02 + unlike), t.Float(xy), t.Float(0.02)]
+        dr.enable_grad(given)
+        first, second, c, s = Spread(*given).roughened(t.Float(0.1), t.Float(0.1))
+        u, v = first * first, second * second
+        dr.backward((u * c * c + v * s * s, (u - v) * c * s, u * s * s + v * c * c)[entry])
+        assert [float(dr.grad(g)[0]) for g in given] == pytest.approx(expected, abs=0.02)
+
+
 def test_spread_adds_covariances() -> None:
     t = types("float64")
     spread = Spread(t.Float(0.02), t.Float(0.01), t.Float(0.05))
